@@ -100,8 +100,8 @@ class RecordList:
         start = blank((*before, *((f"first.{name}", kind) for name, kind in head)) if count else before)
         begin = len(ENCAPSULATION) + start.itemsize + (-start.itemsize % ALIGNED if count else 0)
         whole = blank((*body, *head), aligned=True)
-        at = {name: offset for name, (_, offset, *_) in (whole.dtype.fields or {}).items()}
-        self._end = begin + count * whole.itemsize - (whole.itemsize - at[head[0][0]] if head and count else 0)
+        offsets = {name: offset for name, (_, offset, *_) in (whole.dtype.fields or {}).items()}
+        self._end = begin + count * whole.itemsize - (whole.itemsize - offsets[head[0][0]] if head and count else 0)
         self._data = bytearray(begin + count * whole.itemsize)
         self._data[: len(ENCAPSULATION)] = ENCAPSULATION
         self.begin = np.frombuffer(self._data, start.dtype, 1, len(ENCAPSULATION))

@@ -190,17 +190,17 @@ class _Tracks:
     def take(self, message: Any) -> None:
         """Takes a list of objects."""
         time = _ns(message.header.stamp)
-        for one in message.objects:
-            about = one.kinematics
+        for tracked in message.objects:
+            about = tracked.kinematics
             initial = "initial_" if hasattr(about, "initial_pose_with_covariance") else ""
             pose = getattr(about, f"{initial}pose_with_covariance").pose
             twist = getattr(about, f"{initial}twist_with_covariance").twist
             accel = getattr(about, f"{initial}acceleration_with_covariance").accel
             place, speed = pose.position, hypot(twist.linear.x, twist.linear.y)
-            size = _size(one.shape)
-            likely = max(one.classification, key=lambda each: each.probability, default=None)
+            size = _size(tracked.shape)
+            likely = max(tracked.classification, key=lambda label: label.probability, default=None)
             kind = Kind.UNKNOWN if likely is None else KINDS.get(int(likely.label), Kind.UNKNOWN)
-            uuid = bytes(one.object_id.uuid)
+            uuid = bytes(tracked.object_id.uuid)
             if uuid not in self._ids:
                 agent = agent_of(uuid)
                 self._ids[uuid] = self.free_id if agent is None else agent
@@ -261,16 +261,20 @@ def _messages(reader: AnyReader, path: Path) -> Iterator[tuple[Connection, Any]]
     Raises:
         InputError: of a type there is no definition, or there are several topics and none is the usual one.
     """
-    listed = [kind for kind in OBJECTS if any(each.msgtype == kind for each in reader.connections)][:1]
+    listed = [kind for kind in OBJECTS if any(channel.msgtype == kind for channel in reader.connections)][:1]
     usual = {kind: OBJECTS[kind] for kind in listed} | {SIGNALS: SIGNALS_TOPIC, ODOMETRY: POSE_TOPIC}
     topics = {topic for kind, name in usual.items() if (topic := _topic(reader, kind, name, path))}
-    chosen = [each for each in reader.connections if each.topic in topics]
-    chosen += [each for each in reader.connections if each.topic == ACCELERATION_TOPIC and each.msgtype == ACCELERATION]
-    for each in chosen:
-        if each.msgtype not in reader.typestore.fielddefs:
+    chosen = [channel for channel in reader.connections if channel.topic in topics]
+    chosen += [
+        channel
+        for channel in reader.connections
+        if channel.topic == ACCELERATION_TOPIC and channel.msgtype == ACCELERATION
+    ]
+    for channel in chosen:
+        if channel.msgtype not in reader.typestore.fielddefs:
             raise InputError(
-                f"{path}: topic {each.topic}: the bag has no definition of {each.msgtype}, as bags before ROS 2 Iron; "
-                "convert it with `ros2 bag convert` where Autoware is installed"
+                f"{path}: topic {channel.topic}: the bag has no definition of {channel.msgtype}, "
+                "as bags before ROS 2 Iron; convert it with `ros2 bag convert` where Autoware is installed"
             )
     for connection, _, data in reader.messages(chosen):
         yield connection, reader.deserialize(data, connection.msgtype)
@@ -278,7 +282,7 @@ def _messages(reader: AnyReader, path: Path) -> Iterator[tuple[Connection, Any]]
 
 def _topic(reader: AnyReader, kind: str, usual: str, path: Path) -> str | None:
     """Returns the topic of a type: the usual one, else the only one, of odometry none; None without any."""
-    names = sorted({each.topic for each in reader.connections if each.msgtype == kind})
+    names = sorted({connection.topic for connection in reader.connections if connection.msgtype == kind})
     if usual in names or kind == ODOMETRY:
         return usual if usual in names else None
     if len(names) < 2:
@@ -319,14 +323,14 @@ def _state(elements: list[Any]) -> SignalState:
     """Returns what a light shows by its circles, or by its first arrow that is on."""
     if not elements:
         return SignalState.UNAVAILABLE
-    lit = {(each.shape, each.color): each for each in elements if each.status in (ON, FLASHING)}
-    circles = [each for (shape, _), each in lit.items() if shape == CIRCLE]
-    if {each.color for each in circles} >= {1, 2}:
+    lit = {(element.shape, element.color): element for element in elements if element.status in (ON, FLASHING)}
+    circles = [element for (shape, _), element in lit.items() if shape == CIRCLE]
+    if {element.color for element in circles} >= {1, 2}:
         return SignalState.RED_AMBER
-    for each in circles or lit.values():
-        if (shown := COLOURS.get((int(each.color), int(each.status)))) is not None:
+    for element in circles or lit.values():
+        if (shown := COLOURS.get((int(element.color), int(element.status)))) is not None:
             return shown
-    return SignalState.DARK if all(each.status == OFF for each in elements) else SignalState.UNAVAILABLE
+    return SignalState.DARK if all(element.status == OFF for element in elements) else SignalState.UNAVAILABLE
 
 
 def _ns(stamp: Any) -> int:

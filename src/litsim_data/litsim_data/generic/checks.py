@@ -212,12 +212,12 @@ def _changes(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
     published, driven = [np.zeros(0)], [np.zeros(0)]
     for first, last in zip(np.r_[0, begins], np.r_[begins, len(t)], strict=True):
         rows = slice(first, last)
-        at = np.arange(t[first], t[last - 1] + 1e-9, CHANGE_S)
+        times = np.arange(t[first], t[last - 1] + 1e-9, CHANGE_S)
         step = np.diff(t[rows])
         speed = np.r_[0.0, np.cumsum(0.5 * (acceleration[rows][1:] + acceleration[rows][:-1]) * step)]
         way = np.r_[0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * step)]
-        published.append(np.diff(np.interp(at, t[rows], way), 2) / CHANGE_S**2)
-        gone = np.hypot(*(np.diff(np.interp(at, t[rows], values[rows])) for values in (x, y)))
+        published.append(np.diff(np.interp(times, t[rows], way), 2) / CHANGE_S**2)
+        gone = np.hypot(*(np.diff(np.interp(times, t[rows], values[rows])) for values in (x, y)))
         driven.append(np.diff(gone) / CHANGE_S**2)
     return np.concatenate(published), np.concatenate(driven)
 
@@ -396,15 +396,15 @@ def sides(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
         moving[name].to_numpy() for name in ("vehicle_id", "x", "y", "instant", "course", "lane")
     )
     apart = 2.0 * NEAR * instant  # a third coordinate, by which those of another instant are not near
-    one, other = KDTree(np.column_stack([x, y, apart])).query_pairs(NEAR, output_type="ndarray").T
-    swap = lane[one] > lane[other]
-    one, other = np.where(swap, other, one), np.where(swap, one, other)
-    ahead, left = to_body(x[other] - x[one], y[other] - y[one], course[one])
-    turn, ahead, beside = np.abs(wrap_angle(course[other] - course[one])), np.abs(ahead), np.abs(left)
+    vehicle, other = KDTree(np.column_stack([x, y, apart])).query_pairs(NEAR, output_type="ndarray").T
+    swap = lane[vehicle] > lane[other]
+    vehicle, other = np.where(swap, other, vehicle), np.where(swap, vehicle, other)
+    ahead, left = to_body(x[other] - x[vehicle], y[other] - y[vehicle], course[vehicle])
+    turn, ahead, beside = np.abs(wrap_angle(course[other] - course[vehicle])), np.abs(ahead), np.abs(left)
     oncoming = (turn > ONCOMING) & (ahead < ABREAST) & (beside > BESIDE[0]) & (beside < APART)
     adjacent = (turn < SAME_WAY) & (ahead < ALONG) & (beside > BESIDE[0]) & (beside < BESIDE[1])
-    adjacent &= (lane[one] >= 1) & (lane[other] == lane[one] + 1)
-    pairs = pd.DataFrame({"one": ids[one], "other": ids[other], "left": left})
+    adjacent &= (lane[vehicle] >= 1) & (lane[other] == lane[vehicle] + 1)
+    pairs = pd.DataFrame({"one": ids[vehicle], "other": ids[other], "left": left})
     return _medians(pairs[oncoming]), _medians(pairs[adjacent])
 
 

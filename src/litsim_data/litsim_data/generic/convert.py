@@ -156,16 +156,16 @@ def _in_si(raw: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.
         values = pd.to_numeric(raw[name], errors="coerce").to_numpy(np.float64, na_value=np.nan)
         bad = ~np.isfinite(values)
         if bad.any():
-            at = int(np.argmax(bad))
+            first_bad = int(np.argmax(bad))
             ours = name.removesuffix("_x").removesuffix("_y")
-            theirs, cell = columns.named()[name], raw[name].iloc[at]
+            theirs, cell = columns.named()[name], raw[name].iloc[first_bad]
             without = (
                 f"; without field columns.{ours} it is derived from the motion, and rows: {{{theirs}: {{min: -1000}}}} "
                 "leaves such rows out, with gaps of up to half a second interpolated"
             ) * (ours in DERIVED)
             content = "empty or nan" if pd.isna(cell) else repr(str(cell))
             raise InputError(
-                f"{source.at(row[at])}: column {theirs!r} is {content}, expected a number; "
+                f"{source.at(row[first_bad])}: column {theirs!r} is {content}, expected a number; "
                 f"{int(bad.sum())} such rows{without}"
             )
         return values * FACTORS[unit]

@@ -135,10 +135,10 @@ class Counts:
             )
         lines += self._motion()
         if self.overlaps:
-            (one, other), seconds = max(self.overlaps.items(), key=lambda item: item[1])
+            (first, second), seconds = max(self.overlaps.items(), key=lambda item: item[1])
             lines.append(
-                f"overlaps   {len(self.overlaps)} pairs of vehicles overlap for a second or more, above all {one} and "
-                f"{other} for {seconds:.1f} s: is one of them there twice, or are sizes too large?"
+                f"overlaps   {len(self.overlaps)} pairs of vehicles overlap for a second or more, above all {first} "
+                f"and {second} for {seconds:.1f} s: is one of them there twice, or are sizes too large?"
             )
         lines += self._together()
         return "\n".join([*lines, f"tracks     {self.tracks}{cut}{short}"])

@@ -142,11 +142,11 @@ def draft(paths: Path | Sequence[Path]) -> str:
         mapping.remarks["clip"] = f"the first of {table['clip'].nunique()}"
         table = table[clips == first]
     clock = "time" if "time" in columns else "frame"
-    known = table.dropna(subset=[name for name in (clock, "x", "y", "yaw", "speed") if name in table])
-    known = known.sort_values(["vehicle_id", clock])
-    apart = _clock(mapping, steps(known, 1, clock)["dt"])
+    complete = table.dropna(subset=[name for name in (clock, "x", "y", "yaw", "speed") if name in table])
+    complete = complete.sort_values(["vehicle_id", clock])
+    apart = _clock(mapping, steps(complete, 1, clock)["dt"])
     _sizes(mapping, table)
-    _motion(mapping, steps(known, apart, clock))
+    _motion(mapping, steps(complete, apart, clock))
     if "kind" in columns:
         _kinds(mapping, table["kind"])
     if valid:
@@ -190,9 +190,9 @@ def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -
     """
     values = pd.to_numeric(column, errors="coerce").astype(np.float64)
     if (bad := (values.isna() & column.notna()).to_numpy()).any():
-        at = int(np.argmax(bad))
+        first_bad = int(np.argmax(bad))
         raise InputError(
-            f"{source.at(row.iloc[at])}: column {name!r} is {str(column.iloc[at])!r}, expected a number; "
+            f"{source.at(row.iloc[first_bad])}: column {name!r} is {str(column.iloc[first_bad])!r}, expected a number; "
             f"{int(bad.sum())} such rows"
         )
     return values

@@ -35,8 +35,8 @@ def headings(vehicle: IntArray, x: FloatArray, y: FloatArray, lever: FloatArray)
     for first, end in zip(starts, np.r_[starts[1:], len(vehicle)], strict=True):
         rows = slice(first, end)
         along = _up_to_the_ends(np.unwrap(direction[rows]))
-        known = lever[first] > 0.0
-        yaw[rows] = _drawn(along, _ways(x[rows], y[rows]), float(lever[first])) if known else along
+        has_lever = lever[first] > 0.0
+        yaw[rows] = _drawn(along, _ways(x[rows], y[rows]), float(lever[first])) if has_lever else along
     return yaw
 
 

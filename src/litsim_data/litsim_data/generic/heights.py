@@ -24,21 +24,21 @@ def levels(table: pd.DataFrame, source: TableFiles) -> str:
         table: vehicle_id, t [s], x, y [m], and row, the place in `source`.
         source: the file, of which a column that looks like heights in metres is read.
     """
-    name = next((one for one in source.columns if re.fullmatch(NAMES, one.strip().lower())), None)
+    name = next((column for column in source.columns if re.fullmatch(NAMES, column.strip().lower())), None)
     if name is None or source.columns.count(name) > 1:
         return ""
     column = source.read([name], needed=set()).set_index("row")[name]
     heights = pd.to_numeric(column, errors="coerce").reindex(table["row"]).to_numpy(np.float64)
     instant = np.round(table["t"].to_numpy() * 10.0).astype(np.int64)
     every = max(1, len(np.unique(instant)) // INSTANTS)
-    known = np.isfinite(heights) & (instant % every == 0)
-    rows = table[known].assign(height=heights[known], instant=instant[known])
+    measured = np.isfinite(heights) & (instant % every == 0)
+    rows = table[measured].assign(height=heights[measured], instant=instant[measured])
     pairs = set()
     for _, now in rows.groupby("instant", sort=True):
-        one, other = KDTree(now[["x", "y"]]).query_pairs(NEAR, output_type="ndarray").T
+        first, other = KDTree(now[["x", "y"]]).query_pairs(NEAR, output_type="ndarray").T
         height, vehicle = now["height"].to_numpy(), now["vehicle_id"].to_numpy()
-        apart = np.abs(height[one] - height[other]) > LEVEL
-        pairs |= {*zip(vehicle[one[apart]].tolist(), vehicle[other[apart]].tolist(), strict=True)}
+        apart = np.abs(height[first] - height[other]) > LEVEL
+        pairs |= {*zip(vehicle[first[apart]].tolist(), vehicle[other[apart]].tolist(), strict=True)}
     if not pairs:
         return ""
     low, high = float(np.nanmin(heights)), float(np.nanmax(heights))

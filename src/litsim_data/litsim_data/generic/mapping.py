@@ -107,9 +107,9 @@ class Columns(_Strict):
 
     @model_validator(mode="after")
     def _each_for_one_thing(self) -> Columns:
-        known: dict[str, str] = {}
+        quantities: dict[str, str] = {}
         for ours, theirs in self.named().items():
-            other = known.setdefault(theirs, ours)
+            other = quantities.setdefault(theirs, ours)
             if other != ours and {ours, other} != {"length", "width"}:  # of round obstacles
                 raise ValueError(f"{other} and {ours} are both column {theirs!r}, expected two")
         return self

@@ -50,10 +50,10 @@ def with_usual_sizes(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> p
     rows = obstacle_rows(table)
     if not rows.any():
         return table
-    known = isinstance(mapping.columns.length, str) and isinstance(mapping.columns.width, str)
+    has_sizes = isinstance(mapping.columns.length, str) and isinstance(mapping.columns.width, str)
     sizes = table.groupby("vehicle_id")[["length", "width"]].transform("median")
     small = (sizes["length"] < BOUNDS["length"][0]) | (sizes["width"] < BOUNDS["width"][0])
-    rows &= small.to_numpy() | (not known)
+    rows &= small.to_numpy() | (not has_sizes)
     counts.usual_sizes = int(table.loc[rows, "vehicle_id"].nunique())
     table = table.copy()
     for kind, (length, width) in USUAL_SIZES.items():

@@ -46,15 +46,16 @@ def _with_vehicles(
     table = other.read(sorted({vehicles.vehicle_id, *wanted}), whose="of the mapping, field vehicles,")
     ids = texts(table[vehicles.vehicle_id])
     if (twice := ids.duplicated().to_numpy()).any():
-        at = int(np.argmax(twice))
+        row = int(np.argmax(twice))
         raise InputError(
-            f"{other.at(table['row'].iloc[at])}: vehicle {ids.iloc[at]} occurs a second time, expected one row for each"
+            f"{other.at(table['row'].iloc[row])}: vehicle {ids.iloc[row]} occurs a second time, "
+            "expected one row for each"
         )
     theirs = texts(raw[vehicle_id])
     if (lost := ~theirs.isin(ids).to_numpy()).any():
-        at = int(np.argmax(lost))
+        row = int(np.argmax(lost))
         raise InputError(
-            f"{source.at(raw['row'].iloc[at])}: vehicle {theirs.iloc[at]} is not in {other}; "
+            f"{source.at(raw['row'].iloc[row])}: vehicle {theirs.iloc[row]} is not in {other}; "
             f"{theirs[lost].nunique()} such vehicles"
         )
     place = pd.Index(ids).get_indexer(pd.Index(theirs))

@@ -42,10 +42,10 @@ def check_clock(table: pd.DataFrame, source: TableFiles) -> None:
     near = way[1:-1] <= 2.0 * np.maximum(way[:-2], way[2:])
     falls = (step[1:-1] < -FALL_MIN_S) & on[:-2] & on[2:] & near & (vehicle[3:] == vehicle[:-3])
     if falls.any():
-        at = int(np.argmax(falls)) + 2
+        row = int(np.argmax(falls)) + 2
         raise InputError(
-            f"{source.at(rows['row'].iloc[at])}: the clock falls back by {-step[at - 1]:.1f} s, while vehicle "
-            f"{vehicle[at]} drives on: expected times that go on, past midnight, too"
+            f"{source.at(rows['row'].iloc[row])}: the clock falls back by {-step[row - 1]:.1f} s, while vehicle "
+            f"{vehicle[row]} drives on: expected times that go on, past midnight, too"
         )
 
 
@@ -61,12 +61,12 @@ def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.Data
     vehicle, step = table["vehicle_id"].to_numpy(), np.diff(table["t"].to_numpy())
     twice = (vehicle[1:] == vehicle[:-1]) & (step <= 1e-9)
     if twice.any():
-        at = int(np.argmax(twice))
-        rows = table["row"].to_numpy()[at : at + 2]
+        first = int(np.argmax(twice))
+        rows = table["row"].to_numpy()[first : first + 2]
         raise InputError(
-            f"{source.at(*rows)}: vehicle {vehicle[at]} occurs twice at "
-            f"{table['t'].iloc[at]:.3f} s, with other values; {int(twice.sum())} such pairs; are there several clips "
-            f"in the file (field columns.clip of the mapping)?"
+            f"{source.at(*rows)}: vehicle {vehicle[first]} occurs twice at "
+            f"{table['t'].iloc[first]:.3f} s, with other values; {int(twice.sum())} such pairs; are there several "
+            f"clips in the file (field columns.clip of the mapping)?"
         )
     return table
 
@@ -90,12 +90,12 @@ def without_outliers(table: pd.DataFrame, source: TableFiles, counts: Counts) ->
     whole = begins[first] & np.r_[begins[first[1:]], True]
     away = ((t[last] - t[first] < AWAY_MAX_S) & ~whole)[stretch]
     if max(int(away.sum()), int(jumps.sum())) > max(JUMPS_MAX * len(table), 2):
-        at = int(np.argmax(jumps))
-        rows = table.iloc[at - 1 : at + 1]
+        jump = int(np.argmax(jumps))
+        rows = table.iloc[jump - 1 : jump + 1]
         way = float(np.hypot(*np.diff(rows[["x", "y"]].to_numpy(), axis=0)[0]))
         raise InputError(
-            f"{source.at(*rows['row'])}: vehicle {vehicle[at]} moves by {way:.4g} m within {t[at] - t[at - 1]:.3g} s; "
-            f"{int(jumps.sum())} such jumps: does every vehicle have its own id?"
+            f"{source.at(*rows['row'])}: vehicle {vehicle[jump]} moves by {way:.4g} m within "
+            f"{t[jump] - t[jump - 1]:.3g} s; {int(jumps.sum())} such jumps: does every vehicle have its own id?"
         )
     counts.leave_out("the vehicle jumps elsewhere for less than half a second", int(away.sum()))
     return table[~away].reset_index(drop=True)
@@ -147,16 +147,16 @@ def resampled(table: pd.DataFrame, source: TableFiles | Path, counts: Counts) ->
             counts.too_short += 1
             continue
         frame = np.arange(first, last + 1)
-        at = frame * STEP_S
+        times = frame * STEP_S
         values: dict[str, Any] = {"vehicle_id": vehicle, "frame": frame}
         for name in ("x", "y", "speed", "acceleration"):
             if name in rows:
-                values[name] = np.interp(at, t, rows[name].to_numpy())
+                values[name] = np.interp(times, t, rows[name].to_numpy())
         if "yaw" in rows:
-            values["yaw"] = np.interp(at, t, np.unwrap(rows["yaw"].to_numpy()))
-        after = np.clip(np.searchsorted(t, at - EDGE * STEP_S), 0, len(t) - 1)
+            values["yaw"] = np.interp(times, t, np.unwrap(rows["yaw"].to_numpy()))
+        after = np.clip(np.searchsorted(t, times - EDGE * STEP_S), 0, len(t) - 1)
         before = np.maximum(after - 1, 0)
-        nearest = np.where(at - t[before] < t[after] - at, before, after)
+        nearest = np.where(times - t[before] < t[after] - times, before, after)
         for name in ("length", "width"):
             values[name] = float(rows[name].median())
         for name in ("kind", "lane"):
@@ -177,24 +177,24 @@ def count_leaps(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None
     """
     vehicle, t = table["vehicle_id"].to_numpy(), table["t"].to_numpy()
     step = np.diff(t)
-    known = (vehicle[1:] == vehicle[:-1]) & (step <= HOLE_MAX_S + STEP_S) & ~_jumps(table)[1:]
-    way = np.where(known, np.diff(table[["x", "y"]].to_numpy(), axis=0).T, np.nan)
+    connected = (vehicle[1:] == vehicle[:-1]) & (step <= HOLE_MAX_S + STEP_S) & ~_jumps(table)[1:]
+    way = np.where(connected, np.diff(table[["x", "y"]].to_numpy(), axis=0).T, np.nan)
     velocity = way / step
     change = np.hypot(*np.diff(velocity))
     near = np.fmax(np.r_[0.0, change], np.r_[change, 0.0]) * step > LEAP  # only these need a closer look
-    at = np.flatnonzero(near & known)
-    around = at[:, None] + np.r_[-AROUND:0, 1 : AROUND + 1]
-    same = (around >= 0) & (around < len(step)) & (vehicle[np.clip(around, 0, len(step))] == vehicle[at, None])
+    leaps = np.flatnonzero(near & connected)
+    around = leaps[:, None] + np.r_[-AROUND:0, 1 : AROUND + 1]
+    same = (around >= 0) & (around < len(step)) & (vehicle[np.clip(around, 0, len(step))] == vehicle[leaps, None])
     others = np.where(same, velocity[:, np.clip(around, 0, len(step) - 1)], np.nan)
     enough = np.isfinite(others[0]).sum(axis=1) >= AROUND
-    at, others = at[enough], others[:, enough]
-    off = np.hypot(*(velocity[:, at] - np.nanmedian(others, axis=2))) * step[at]
-    is_leap = off > LEAP + LEAP_ACCELERATION * step[at] ** 2
+    leaps, others = leaps[enough], others[:, enough]
+    off = np.hypot(*(velocity[:, leaps] - np.nanmedian(others, axis=2))) * step[leaps]
+    is_leap = off > LEAP + LEAP_ACCELERATION * step[leaps] ** 2
     counts.leaps = int(is_leap.sum())
     if counts.leaps:
         worst = int(np.argmax(np.where(is_leap, off, 0.0)))
-        rows = table["row"].to_numpy()[at[worst] : at[worst] + 2]
-        counts.farthest_leap = f"by {off[worst]:.1f} m within {step[at[worst]]:.3g} s ({source.at(*rows)})"
+        rows = table["row"].to_numpy()[leaps[worst] : leaps[worst] + 2]
+        counts.farthest_leap = f"by {off[worst]:.1f} m within {step[leaps[worst]]:.3g} s ({source.at(*rows)})"
 
 
 def count_turns(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None:
@@ -203,8 +203,8 @@ def count_turns(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None
         return
     vehicle, t = table["vehicle_id"].to_numpy(), table["t"].to_numpy()
     step, turn = np.diff(t), np.abs(wrap_angle(np.diff(table["yaw"].to_numpy())))
-    known = (vehicle[1:] == vehicle[:-1]) & (step <= HOLE_MAX_S + STEP_S)
-    turn = np.where(known & (turn > TURN) & (turn > TURN_RATE * step), turn, 0.0)
+    connected = (vehicle[1:] == vehicle[:-1]) & (step <= HOLE_MAX_S + STEP_S)
+    turn = np.where(connected & (turn > TURN) & (turn > TURN_RATE * step), turn, 0.0)
     counts.turns = int((turn > 0.0).sum())
     if counts.turns:
         worst = int(np.argmax(turn))

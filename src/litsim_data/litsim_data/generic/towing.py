@@ -31,7 +31,7 @@ def joined(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[int, int], dict[int,
     concerned = {*towed, *towed.values()}
     tracks = {vehicle: table[table["vehicle_id"] == vehicle].set_index("frame") for vehicle in sorted(concerned)}
     boxes: dict[int, int] = {}
-    for trailer in sorted(towed, key=lambda one: -_depth(one, towed)):  # the last of a chain first
+    for trailer in sorted(towed, key=lambda trailer: -_depth(trailer, towed)):  # the last of a chain first
         vehicle = towed[trailer]
         both = _together(tracks[vehicle], tracks[trailer])
         turned = np.abs(wrap_angle((both["yaw"] - both["yaw_towed"]).to_numpy()))
@@ -53,13 +53,13 @@ def _towed(table: pd.DataFrame) -> dict[int, int]:
     starts = np.flatnonzero(np.r_[True, vehicle[1:] != vehicle[:-1]])
     towed: dict[int, int] = {}
     for first, end in zip(starts, np.r_[starts[1:], len(vehicle)], strict=True):
-        at = (first + end) // 2
-        now = by_frame[slice(*np.searchsorted(frame[by_frame], [frame[at], frame[at] + 1]))]
-        reach = 0.5 * (length[now] + length[at]) + GAP_MAX
-        near = now[(np.hypot(x[now] - x[at], y[now] - y[at]) <= reach) & (vehicle[now] != vehicle[at])]
+        row = (first + end) // 2
+        now = by_frame[slice(*np.searchsorted(frame[by_frame], [frame[row], frame[row] + 1]))]
+        reach = 0.5 * (length[now] + length[row]) + GAP_MAX
+        near = now[(np.hypot(x[now] - x[row], y[now] - y[row]) <= reach) & (vehicle[now] != vehicle[row])]
         for other in vehicle[near].tolist():
             if _follows(table[vehicle == other].set_index("frame"), table[first:end].set_index("frame")):
-                towed[int(vehicle[at])] = other
+                towed[int(vehicle[row])] = other
                 break
     return towed
 

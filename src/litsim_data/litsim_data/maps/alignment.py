@@ -177,14 +177,14 @@ def _descended(
     motion, usable = start.copy(), np.ones(3, np.bool_)
     for scale in np.geomspace(*SCALES, ITERATIONS):
         now_x, now_y = _moved(x, y, motion, centre)
-        at = lane_map.nearest(now_x, now_y, yaw + motion[2])
-        normal = np.column_stack([-np.sin(at.heading), np.cos(at.heading)])
+        place = lane_map.nearest(now_x, now_y, yaw + motion[2])
+        normal = np.column_stack([-np.sin(place.heading), np.cos(place.heading)])
         arm = np.column_stack([-(now_y - centre[1] - motion[1]), now_x - centre[0] - motion[0]])
         design = np.column_stack([normal, (normal * arm).sum(axis=1) / radius])
-        weight = 1.0 / (1.0 + (at.d / scale) ** 2) ** 2  # Geman and McClure
+        weight = 1.0 / (1.0 + (place.d / scale) ** 2) ** 2  # Geman and McClure
         values, vectors = np.linalg.eigh(design.T @ (weight[:, None] * design))
         usable = values > UNDETERMINED * values[-1]
-        towards = (vectors.T @ (design.T @ (weight * -at.d)))[usable] / values[usable]
+        towards = (vectors.T @ (design.T @ (weight * -place.d)))[usable] / values[usable]
         unchanged = vectors[:, usable] @ (vectors[:, usable].T @ (motion * scaled))
         motion = (unchanged + vectors[:, usable] @ towards) / scaled
     return motion, bool(usable.all())
@@ -194,9 +194,9 @@ def _on_lanes(
     lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray
 ) -> tuple[FloatArray, BoolArray, IntArray]:
     """Returns distances (n,) of poses to centre lines [m], whether these lead about the same way, and their lanes."""
-    at = lane_map.nearest(x, y, yaw)
-    foot_x, foot_y, _ = lane_map.pose_at(at.lane, at.s)
-    return np.hypot(x - foot_x, y - foot_y), np.abs(wrap_angle(at.heading - yaw)) <= FACING, at.lane
+    place = lane_map.nearest(x, y, yaw)
+    foot_x, foot_y, _ = lane_map.pose_at(place.lane, place.s)
+    return np.hypot(x - foot_x, y - foot_y), np.abs(wrap_angle(place.heading - yaw)) <= FACING, place.lane
 
 
 def _moved(

@@ -38,16 +38,16 @@ def fit_carriageway(table: pd.DataFrame) -> LaneGraph:
     Raises:
         InputError: too few rows, or the headings show more than one carriageway or a road that turns too far.
     """
-    known = table[table["lane"] >= 1]
-    counts = known["lane"].value_counts()
-    if known.empty:
+    labelled = table[table["lane"] >= 1]
+    counts = labelled["lane"].value_counts()
+    if labelled.empty:
         raise InputError("cannot fit lanes: the recording has no lane numbers (column lane is -1 or 0 throughout)")
     lanes = 0
     while counts.get(lanes + 1, 0) >= max(LANE_SHARE_MIN * counts.max(), ROWS_MIN):
         lanes += 1
     if lanes == 0:
         raise InputError(f"cannot fit lanes: rows by lane are {counts.to_dict()}, expected {ROWS_MIN} in lane 1")
-    yaw = known["yaw"].to_numpy(np.float64)
+    yaw = labelled["yaw"].to_numpy(np.float64)
     main = float(np.arctan2(np.mean(np.sin(yaw)), np.mean(np.cos(yaw))))
     if np.quantile(np.abs(np.angle(np.exp(1j * (yaw - main)))), 0.98) > TURN_MAX:
         raise InputError(
@@ -55,7 +55,7 @@ def fit_carriageway(table: pd.DataFrame) -> LaneGraph:
             "not turn further"
         )
     turn = np.array([[np.cos(main), -np.sin(main)], [np.sin(main), np.cos(main)]])
-    through = known[known["lane"] <= lanes]
+    through = labelled[labelled["lane"] <= lanes]
     x, y = (through[["x", "y"]].to_numpy(np.float64) @ turn).T
     line, offsets = _fit_lanes(x, y, through["lane"].to_numpy(np.int64))
     edges = np.cumsum([-0.5 * _widths(offsets)[0], *_widths(offsets)])  # to the right of the line

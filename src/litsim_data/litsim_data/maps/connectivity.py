@@ -129,10 +129,10 @@ def connectivity(lane_map: LaneMap) -> Connectivity:
 
 
 def _closure(
-    known: Collection[str], lanes: Collection[Lane], links: Mapping[str, Collection[str]], changing: Collection[str]
+    origin: Collection[str], lanes: Collection[Lane], links: Mapping[str, Collection[str]], changing: Collection[str]
 ) -> set[str]:
-    """Returns `known` lanes, and all with a link to one of them or, of those in `changing`, a neighbour among them."""
-    closure = set(known)
+    """Returns `origin` lanes, and all with a link to one of them or, of those in `changing`, a neighbour among them."""
+    closure = set(origin)
     while True:
         more = {
             lane.id

@@ -29,12 +29,12 @@ def with_connecting_roads(root: ET.Element) -> None:
     numbers = (str(number) for number in count(1) if str(number) not in {*roads})
     for junction in root.findall("junction[@type='direct']"):
         del junction.attrib["type"]
-        made = [_connected(junction, one, roads, numbers) for one in junction.findall("connection")]
+        made = [_connected(junction, connection, roads, numbers) for connection in junction.findall("connection")]
         junction[:] = [part for part in junction if part.tag != "connection"]
         for number, (road, connections) in enumerate(made):
             root.insert(list(root).index(junction), road)
-            for at, connection in enumerate(connections):
-                connection.set("id", str(2 * number + at))
+            for index, connection in enumerate(connections):
+                connection.set("id", str(2 * number + index))
                 junction.append(connection)
 
 
@@ -48,25 +48,25 @@ def _connected(
     if incoming is None or linked is None or not links:
         raise ValueError(f"{where} lacks incomingRoad, linkedRoad or laneLink")
     before = incoming.findall("link/predecessor[@elementType='junction']")
-    begins = any(one.get("elementId") == junction.get("id") for one in before)
+    begins = any(link.get("elementId") == junction.get("id") for link in before)
     into = _Contact(linked, connection.get("contactPoint", ""), [link.get("to", "") for link in links])
     out_of = _Contact(incoming, "start" if begins else "end", [link.get("from", "") for link in links])
-    starting = next((one for one in (into, out_of) if one.at == "start"), None)
+    starting = next((contact for contact in (into, out_of) if contact.at == "start"), None)
     if starting is None:
         raise ValueError(f"{where} joins two roads at their ends, expected the start of one of them")
     other = out_of if starting is into else into
     road = _connecting_road(next(numbers), junction, other, starting)
     connections = []
-    for contact, at, outwards in ((other, "start", True), (starting, "end", False)):
+    for contact, end, outwards in ((other, "start", True), (starting, "end", False)):
         lanes = zip(contact.lanes, starting.lanes, strict=True)
         if over := [pair for pair in lanes if pair[1].startswith("-") == outwards]:
-            connections.append(_connection(contact, road, at, over))
+            connections.append(_connection(contact, road, end, over))
     return road, connections
 
 
-def _connection(contact: _Contact, road: ET.Element, at: str, lanes: list[tuple[str, str]]) -> ET.Element:
+def _connection(contact: _Contact, road: ET.Element, end: str, lanes: list[tuple[str, str]]) -> ET.Element:
     """Returns a connection that comes from a road over the lanes of the connecting one."""
-    ends = {"incomingRoad": contact.road.get("id", ""), "connectingRoad": road.get("id", ""), "contactPoint": at}
+    ends = {"incomingRoad": contact.road.get("id", ""), "connectingRoad": road.get("id", ""), "contactPoint": end}
     connection = ET.Element("connection", ends)
     for own, over in lanes:
         ET.SubElement(connection, "laneLink", {"from": own, "to": over})

@@ -93,9 +93,9 @@ class Lanelet:
         """Heights (m,) [m] of the points of the centre line; 0 where unknown."""
         return self._middle[:, 2] if self._middle.shape[1] == 3 else np.zeros(len(self._middle))
 
-    def ends(self, at: int) -> FloatArray:
-        """Returns the points (2, 2) [m] of the left and the right bound at the start (`at` 0) or the end (`at` -1)."""
-        return np.stack([self.left[at, :2], self.right[at, :2]])
+    def ends(self, index: int) -> FloatArray:
+        """Returns the points (2, 2) [m] of the left and right bound at the start (`index` 0) or the end (-1)."""
+        return np.stack([self.left[index, :2], self.right[index, :2]])
 
     @cached_property
     def width(self) -> float:
@@ -113,9 +113,9 @@ class Lanelet:
         s = shapely.LineString(self.centerline).project(point)
         return float(np.interp(s, _distances(self.centerline), self.heights))
 
-    def course(self, at: int) -> float:
-        """Returns the direction [rad] of the centre line between point `at` and the next."""
-        return float(np.arctan2(*np.diff(self.centerline, axis=0)[at][::-1]))
+    def course(self, index: int) -> float:
+        """Returns the direction [rad] of the centre line between point `index` and the next."""
+        return float(np.arctan2(*np.diff(self.centerline, axis=0)[index][::-1]))
 
 
 @dataclass(frozen=True)
@@ -234,13 +234,13 @@ def _along(lanelet: Lanelet, other: Lanelet | None) -> str | None:
     """Returns the id of a neighbour that leads the same way as `lanelet`, else None."""
     if other is None:
         return None
-    there, here = (one.centerline[-1] - one.centerline[0] for one in (other, lanelet))
+    there, here = (way.centerline[-1] - way.centerline[0] for way in (other, lanelet))
     return other.id if float(there @ here) > 0.0 else None
 
 
-def _interpolated(line: FloatArray, at: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Returns points (m, 2) or (m, 3) of a polyline whose own points lie `at` (k,), where `wanted` (m,)."""
-    return np.column_stack([np.interp(wanted, at, values) for values in line.T])
+def _interpolated(line: FloatArray, lengths: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Returns points (m, 2) or (m, 3) of a polyline whose own points lie `lengths` (k,), where `wanted` (m,)."""
+    return np.column_stack([np.interp(wanted, lengths, values) for values in line.T])
 
 
 def _distances(line: FloatArray) -> FloatArray:

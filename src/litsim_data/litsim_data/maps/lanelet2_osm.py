@@ -119,10 +119,14 @@ def _joined_borders(root: ET.Element) -> list[str]:
     joined: dict[tuple[str, ...], str] = {}
     for relation in root.findall("relation"):
         for role in ("left", "right") if _tag(relation, "type") == "lanelet" else ():
-            members = [one for one in relation.findall("member") if one.get("role") == role and one.get("ref") in ways]
+            members = [
+                member
+                for member in relation.findall("member")
+                if member.get("role") == role and member.get("ref") in ways
+            ]
             if len(members) < 2:
                 continue
-            key = tuple(sorted(one.get("ref", "") for one in members))
+            key = tuple(sorted(member.get("ref", "") for member in members))
             chain = _chain([[nd.get("ref", "") for nd in ways[name].findall("nd")] for name in key])
             if chain is None:
                 continue  # the package says what is wrong with it
@@ -131,8 +135,8 @@ def _joined_borders(root: ET.Element) -> list[str]:
                 way = ET.SubElement(root, "way", {"id": joined[key]})
                 way.extend([ET.Element("nd", {"ref": node}) for node in chain])
                 way.extend(ways[key[0]].findall("tag"))
-            for one in members[1:]:
-                relation.remove(one)
+            for member in members[1:]:
+                relation.remove(member)
             members[0].set("ref", joined[key])
     order = {"node": 0, "way": 1, "relation": 2}
     root[:] = sorted(root, key=lambda element: order.get(element.tag, -1))

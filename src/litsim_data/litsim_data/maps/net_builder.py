@@ -171,9 +171,9 @@ class _Plan:
         for link in self.links:
             for item in ((self.group_of[link.end], 0), *link.inner):
                 meeting.merge((self.group_of[link.start], 1), item)
-        for one, other in self.crossing:
-            if one in self.inner and other in self.inner:
-                meeting.merge(one, other)
+        for lanelet, other in self.crossing:
+            if lanelet in self.inner and other in self.inner:
+                meeting.merge(lanelet, other)
         numbers: dict[tuple[int, int] | str, int] = {}
         return {end: numbers.setdefault(meeting[end], len(numbers)) for end in ends}
 
@@ -188,7 +188,7 @@ def write_graph(graph: LaneGraph, path: Path) -> BuiltNet:
     plain, outlines, lanes = _plain_xml(plan)
     options = ("--lefthand", "true") if graph.keeps_left else ()
     warnings = build_net(plain, path, options, outlines=outlines)
-    connections = tuple(replace(one, name=f"{lanes[one.start]}{ARROW}{lanes[one.end]}") for one in plan.links)
+    connections = tuple(replace(link, name=f"{lanes[link.start]}{ARROW}{lanes[link.end]}") for link in plan.links)
     return BuiltNet((*graph.notes, *(f"netconvert: {warning}" for warning in warnings)), connections)
 
 
@@ -215,9 +215,9 @@ def _plain_xml(plan: _Plan) -> tuple[dict[str, ET.Element], dict[str, str], dict
         if len(group) > 1:
             middle = 0.5 * (at_shares(middle, SHARES) + at_shares(plan.line(group[-1]), SHARES))
         ends = plan.node_of[row, 0], plan.node_of[row, 1]
-        for node, at in zip(ends, (0, -1), strict=True):
-            by_node.setdefault(node, []).append(middle[at])
-            ends_at.setdefault(node, []).extend(corner for member in members for corner in member.ends(at))
+        for node, vertex in zip(ends, (0, -1), strict=True):
+            by_node.setdefault(node, []).append(middle[vertex])
+            ends_at.setdefault(node, []).extend(corner for member in members for corner in member.ends(vertex))
             lines_at.setdefault(node, []).extend(member.centerline for member in members)
         signals |= {ends[1]} if any(member.lights for member in members) else set()
         attributes = {"id": group[0], "from": f"j{ends[0]}", "to": f"j{ends[1]}", "numLanes": str(len(group))}
@@ -290,13 +290,13 @@ def _crossing_pairs(lanelets: list[Lanelet]) -> list[tuple[str, str]]:
     lines = [shapely.LineString(lanelet.centerline) for lanelet in lanelets]
     pairs = []
     for row, column in sorted(crossing_pairs(lines)):
-        one, other = lanelets[row], lanelets[column]
-        if row > column or other.id in one.successors or one.id in other.successors:
+        first, second = lanelets[row], lanelets[column]
+        if row > column or second.id in first.successors or first.id in second.successors:
             continue
         ends = shapely.union(lines[row].boundary, lines[column].boundary)
         if any(
-            ends.distance(point) > ENDS_APART and abs(one.height_at(point) - other.height_at(point)) < LEVEL
+            ends.distance(point) > ENDS_APART and abs(first.height_at(point) - second.height_at(point)) < LEVEL
             for point in crossing_points(lines[row], lines[column])
         ):
-            pairs.append((one.id, other.id))
+            pairs.append((first.id, second.id))
     return pairs

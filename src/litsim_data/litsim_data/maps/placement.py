@@ -73,9 +73,9 @@ def placement(lane_map: LaneMap, table: pd.DataFrame) -> Placement:
     """Returns how the vehicle centres of a neutral `table` (vehicle_id, frame, x, y, yaw, lane) lie on the lanes."""
     x, y, yaw = (table[name].to_numpy(np.float64) for name in ("x", "y", "yaw"))
     label = table["lane"].to_numpy(np.int64)
-    at = lane_map.nearest(x, y, yaw)
+    place = lane_map.nearest(x, y, yaw)
     numbers = lane_numbers(lane_map)
-    named = (label >= 1) & (numbers[at.lane] >= 1)
+    named = (label >= 1) & (numbers[place.lane] >= 1)
     inside_named = np.zeros(len(x), np.bool_)
     for number in np.unique(label[named]):
         mine = label == number
@@ -93,9 +93,9 @@ def placement(lane_map: LaneMap, table: pd.DataFrame) -> Placement:
         rows=len(x),
         inside=float(inside.mean()),
         inside_named=float(inside_named[named].mean()) if count else float("nan"),
-        agreement=float((numbers[at.lane] == label)[named].mean()) if count else float("nan"),
+        agreement=float((numbers[place.lane] == label)[named].mean()) if count else float("nan"),
         named=count,
-        offset=float(np.median(at.d)),
+        offset=float(np.median(place.d)),
         missing=len(worst),
         past_end=float(past_end.mean()) if len(past_end) else 0.0,
         worst=tuple(
@@ -104,7 +104,7 @@ def placement(lane_map: LaneMap, table: pd.DataFrame) -> Placement:
             )
             for vehicle, frame, far, lane, past, at_x, at_y in worst.head(WORST).to_numpy(object)
         ),
-        against=float((inside & at.against(yaw)).mean()),
+        against=float((inside & place.against(yaw)).mean()),
     )
 
 
@@ -112,13 +112,13 @@ def off_lanes(lane_map: LaneMap, x: FloatArray, y: FloatArray) -> tuple[FloatArr
     """Returns distances (n,) [m] of points to the edge of the nearest lane, its row, and whether they are past its
     end.
     """
-    at = lane_map.nearest(x, y)
-    foot_x, foot_y, _ = lane_map.pose_at(at.lane, at.s)
-    half = 0.5 * np.array([lane.width for lane in lane_map.lanes])[at.lane]
-    length = np.array([lane.length for lane in lane_map.lanes])[at.lane]
+    place = lane_map.nearest(x, y)
+    foot_x, foot_y, _ = lane_map.pose_at(place.lane, place.s)
+    half = 0.5 * np.array([lane.width for lane in lane_map.lanes])[place.lane]
+    length = np.array([lane.length for lane in lane_map.lanes])[place.lane]
     distance = np.hypot(x - foot_x, y - foot_y)
-    past_end = ((at.s <= 0.0) | (at.s >= length)) & (distance > np.abs(at.d) + 1e-6)
-    return np.maximum(distance - half, 0.0), at.lane, past_end
+    past_end = ((place.s <= 0.0) | (place.s >= length)) & (distance > np.abs(place.d) + 1e-6)
+    return np.maximum(distance - half, 0.0), place.lane, past_end
 
 
 def lane_numbers(lane_map: LaneMap) -> IntArray:

@@ -86,9 +86,9 @@ class Exploration:
     def failures(self) -> list[Tried]:
         """The nearest failure that counts of each group, the nearest first."""
         nearest: dict[tuple[str, str], Tried] = {}
-        for each in sorted(self.tried, key=lambda each: (each.distance, each.number)):
-            if each.outcome == Outcome.FAILED:
-                nearest.setdefault(each.key, each)
+        for run in sorted(self.tried, key=lambda run: (run.distance, run.number)):
+            if run.outcome == Outcome.FAILED:
+                nearest.setdefault(run.key, run)
         return list(nearest.values())[:GROUPS_MAX]
 
 
@@ -146,7 +146,7 @@ class _Proposer:
         space, number = self._exploration.space, len(self._exploration.tried)
         progress = ((number + size) / self._runs - DRAWN_FROM) / (DRAWN_TO - DRAWN_FROM)
         due = round(SHARE_DRAWN * self._runs * min(1.0, max(0.0, progress)))
-        due = min(size, due - sum(each.how == "drawn" for each in self._exploration.tried))
+        due = min(size, due - sum(run.how == "drawn" for run in self._exploration.tried))
         asked: Asked = [("drawn", space.drawn(self._random)) for _ in range(due)]
         late = number >= (1.0 - SHARE_SHRINKING) * self._runs
         asked += self._shrunk(size - due if late else (size - due + 1) // 2)
@@ -159,12 +159,12 @@ class _Proposer:
 
     def tell(self, outcomes: Sequence[Tried]) -> None:
         """Lets the optimiser learn."""
-        for each in outcomes if not self._plain else ():
-            trial = self._optuna.trial.FixedTrial(self._exploration.space.values_of(each.proposal))
+        for run in outcomes if not self._plain else ():
+            trial = self._optuna.trial.FixedTrial(self._exploration.space.values_of(run.proposal))
             self._exploration.space.suggested(trial)
             self._study.add_trial(
                 self._optuna.trial.create_trial(
-                    params=trial.params, distributions=trial.distributions, value=_value(each)
+                    params=trial.params, distributions=trial.distributions, value=_value(run)
                 )
             )
 
@@ -178,10 +178,10 @@ class _Proposer:
     def _proposed(self, *, by_optimiser: bool) -> Proposal:
         """Returns a proposal that is nearer than what has failed by the same cause with the same agent."""
         space, random, limits = self._exploration.space, self._random, dict[tuple[str, int], float]()
-        for each in self._exploration.tried:
-            if each.outcome == Outcome.FAILED:
-                key = each.proposal.cause, each.proposal.agent
-                limits[key] = min(each.distance, limits.get(key, inf))
+        for run in self._exploration.tried:
+            if run.outcome == Outcome.FAILED:
+                key = run.proposal.cause, run.proposal.agent
+                limits[key] = min(run.distance, limits.get(key, inf))
         for _ in range(NEARER_TRIES):
             proposal = self._suggested() if by_optimiser else space.clear(random, *next(self._strata))
             limit = random.uniform(*NEARER) * limits.get((proposal.cause, proposal.agent), inf)
@@ -192,7 +192,7 @@ class _Proposer:
     def _shrunk(self, most: int) -> Asked:
         """Returns up to `most` proposals that are nearer than failures, of the nearest of each group in turn."""
         asked: Asked = []
-        waiting = [each for each in self._exploration.failures if self._shrinkings[each.number] < SHRINK_TRIES]
+        waiting = [nearest for nearest in self._exploration.failures if self._shrinkings[nearest.number] < SHRINK_TRIES]
         for failure in islice(cycle(waiting), most):
             tries = self._shrinkings[failure.number]
             self._shrinkings[failure.number] += 1
@@ -220,8 +220,8 @@ class _Proposer:
 
 def promising(exploration: Exploration, count: int) -> list[Proposal]:
     """Returns up to `count` different proposals that failed, or came near to it, best first."""
-    ordered = sorted(exploration.tried[1:], key=lambda each: (_value(each), each.number))
-    return [each.proposal for each in ordered[:count]]
+    ordered = sorted(exploration.tried[1:], key=lambda run: (_value(run), run.number))
+    return [run.proposal for run in ordered[:count]]
 
 
 def _value(tried: Tried) -> float:

@@ -45,13 +45,13 @@ def outcome_of(result: RunResult, proposal: Proposal, free_step: int) -> Outcome
         return Outcome.PASSED
     metrics, own_from = result.metrics or {}, free_step + round(TTC_S / STEP_S)
     first = first_contacts(metrics)
-    reds = [each["step"] for each in (red_lights(metrics) if metrics.get("signals") else ())]
+    reds = [light["step"] for light in (red_lights(metrics) if metrics.get("signals") else ())]
     if any(step >= own_from and (not first or step <= first[0]["step"]) for step in reds):
         return Outcome.FAILED
     if not first:
-        only_reds = {each.field for each in result.criteria if not each.passed} == {RED}
+        only_reds = {criterion.field for criterion in result.criteria if not criterion.passed} == {RED}
         return Outcome.FORCED if only_reds else Outcome.FAILED
-    careful = {each["agent"]: each["perceived_step"] for each in avoidable(metrics)}
+    careful = {contact["agent"]: contact["perceived_step"] for contact in avoidable(metrics)}
     cutting_in = proposal.agent if proposal.act == "cut_in" else None
 
     def counts(contact: Mapping[str, Any]) -> bool:
@@ -64,15 +64,15 @@ def outcome_of(result: RunResult, proposal: Proposal, free_step: int) -> Outcome
 
 def first_contacts(metrics: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Returns the ego's contacts at the first step with any that the log has not."""
-    new = [each for each in metrics["collision"]["ego_contacts"] if not each["in_log"]]
-    return [each for each in new if each["step"] == new[0]["step"]]
+    new = [contact for contact in metrics["collision"]["ego_contacts"] if not contact["in_log"]]
+    return [contact for contact in new if contact["step"] == new[0]["step"]]
 
 
 def missed_by(result: RunResult) -> str:
     """Returns what happened first in a run that failed, for its group: the criterion, and the kind of contact."""
-    criterion = next(each for each in result.criteria if not each.passed)
+    criterion = next(criterion for criterion in result.criteria if not criterion.passed)
     first = first_contacts(result.metrics or {}) if criterion.field in OF_CONTACTS else []
-    return ", ".join([criterion.name, *(str(each["verdict"]).replace("_", " ") for each in first[:1])])
+    return ", ".join([criterion.name, *(str(contact["verdict"]).replace("_", " ") for contact in first[:1])])
 
 
 def closeness(metrics: Mapping[str, Any] | None) -> float:

@@ -161,11 +161,11 @@ def write_junit(margins: Margins, at_least: float, path: Path) -> None:
         Unwritable: `path` cannot be written.
     """
     document, suite = JUnitXml("margins"), TestSuite(f"{margins.ego}, {margins.policy}")
-    for each in margins.scenarios:
-        test = TestCase(each.name, suite.name)
-        if text := each.short_of(at_least):
+    for scenario in margins.scenarios:
+        test = TestCase(scenario.name, suite.name)
+        if text := scenario.short_of(at_least):
             failure = Failure(text, "margin")
-            failure.text = "\n".join([text, *(line for f in each.failures for line in told(f))])
+            failure.text = "\n".join([text, *(line for f in scenario.failures for line in told(f))])
             test.result = [failure]
         suite.add_testcase(test)
     document.add_testsuite(suite)
@@ -219,12 +219,13 @@ def compare_margins(before: Margins, after: Margins) -> MarginChange:
             "expected the same measure"
         )
     ours, theirs = (
-        {_case(each.name): each for each in one.scenarios if each.recorded != Outcome.FORCED} for one in (before, after)
+        {_case(scenario.name): scenario for scenario in margins.scenarios if scenario.recorded != Outcome.FORCED}
+        for margins in (before, after)
     )
     names = [name for name in theirs if name in ours]
     if not names:
         raise InputError("the two searches have no scenario in common")
-    was, now = ([_least(one[name], before.bound) for name in names] for one in (ours, theirs))
+    was, now = ([_least(scenarios[name], before.bound) for name in names] for scenarios in (ours, theirs))
     broken = [name for name in names if theirs[name].broken and not ours[name].broken]
     interval = paired_interval(np.subtract(now, was), np.arange(len(names)))
     return MarginChange(names, was, now, broken, interval)

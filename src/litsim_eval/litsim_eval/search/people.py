@@ -184,24 +184,24 @@ class People(BaseModel):
             InputError: a scenario cannot be used.
         """
         loaded = [Scenario.load(name) for name in scenarios]
-        situations = [Situation.of(each.log, each.lane_map) for each in loaded]
-        known = cls.load() if packaged(FILE, PACKAGE).is_file() else cls(source="", habits={}, rates={})
-        habits, rates = dict(known.habits), dict(known.rates)
+        situations = [Situation.of(scenario.log, scenario.lane_map) for scenario in loaded]
+        packaged_people = cls.load() if packaged(FILE, PACKAGE).is_file() else cls(source="", habits={}, rates={})
+        habits, rates = dict(packaged_people.habits), dict(packaged_people.rates)
         measured = [_moments(situation) for situation in situations]
         for name, (unit, small) in QUANTITIES.items():
-            moments = np.concatenate([each[name] for each in measured])
+            moments = np.concatenate([values[name] for values in measured])
             if len(moments) >= MOMENTS_MIN:
                 habits[name] = Habit.of(moments, unit, small=small)
             elif name not in habits:
                 raise InputError(f"{', '.join(scenarios)}: {len(moments)} moments of {name}, expected {MOMENTS_MIN}")
         counted = [_counts(situation) for situation in situations]
         for act in counted[0]:
-            seconds, begun = (sum(numbers) for numbers in zip(*(each[act] for each in counted), strict=True))
+            seconds, begun = (sum(numbers) for numbers in zip(*(rates_of[act] for rates_of in counted), strict=True))
             if begun >= BEGUN_MIN:
                 rates[act] = Rate(seconds=seconds, begun=begun)
             elif act not in rates:
                 raise InputError(f"{', '.join(scenarios)}: {act} began {begun} times, expected {BEGUN_MIN}")
-        return cls(source=", ".join(each.file.name for each in loaded), habits=habits, rates=rates)
+        return cls(source=", ".join(scenario.file.name for scenario in loaded), habits=habits, rates=rates)
 
     def habit(self, parameter: Parameter) -> Habit:
         """Returns the habit by which a parameter is measured."""
@@ -258,8 +258,8 @@ def _moments(situation: Situation) -> dict[str, FloatArray]:
     first = log.first_step
     rows = (vehicle & (first > 0)).nonzero()[0]
     lane = lane_map.nearest(log.x[rows, first[rows]], log.y[rows, first[rows]], log.yaw[rows, first[rows]])
-    for one in np.unique(lane.lane):
-        between = np.diff(np.sort(first[rows][lane.lane == one])) * STEP_S
+    for lane_row in np.unique(lane.lane):
+        between = np.diff(np.sort(first[rows][lane.lane == lane_row])) * STEP_S
         entries.append(np.abs(between - np.median(between)) if len(between) > 1 else np.empty(0))
     x, y, yaw = (values[:, ::second][valid[:, ::second]] for values in (log.x, log.y, log.yaw))
     return {
@@ -314,7 +314,7 @@ def _brakings(log: Log) -> tuple[IntArray, IntArray, IntArray]:
 
 def _numbers(events: Sequence[Mapping[str, object]], name: str) -> FloatArray:
     """Returns the measure `name` of those of `events` that have it."""
-    return np.array([value for each in events if isinstance(value := each.get(name), float)], np.float64)
+    return np.array([value for event in events if isinstance(value := event.get(name), float)], np.float64)
 
 
 PARAMETERS = (

@@ -113,11 +113,12 @@ class Space:
         possible = {"start", "delay", "noise", *(act for act in agents if agents[act])}
         possible |= {"signals"} if scenario.signals else set()
         usable = {
-            each.name: each
-            for each in PARAMETERS
-            if each.kind in possible and (each.name in only or each.kind in only or not (only or each.declared))
+            parameter.name: parameter
+            for parameter in PARAMETERS
+            if parameter.kind in possible
+            and (parameter.name in only or parameter.kind in only or not (only or parameter.declared))
         }
-        acts = {each.kind for each in usable.values()}
+        acts = {parameter.kind for parameter in usable.values()}
         agents = {act: of_act for act, of_act in agents.items() if act in acts}
         return cls(scenario, usable, agents, people, (first, last))
 
@@ -205,7 +206,9 @@ class Space:
 
     def varied(self, act: str) -> list[str]:
         """Returns the names of the parameters that proposals with this act have."""
-        of_act = [name for name, each in self.parameters.items() if each.kind == act and name != "cut_in.headway_s"]
+        of_act = [
+            name for name, parameter in self.parameters.items() if parameter.kind == act and name != "cut_in.headway_s"
+        ]
         return of_act + [name for name in OF_ALL if name in self.parameters]
 
     def distances(self, proposal: Proposal) -> dict[str, float]:
@@ -277,11 +280,11 @@ class Space:
         """Returns the YAML text of the scenario with the changes of a proposal."""
         file, changes = self.scenario.file, self.changes(proposal)
         values = file.model_dump(mode="json", exclude_defaults=True, exclude={"egos", "tuning"})
-        said = "; ".join(change.text for change in changes) or "as recorded"
+        text = "; ".join(change.text for change in changes) or "as recorded"
         before = [change.model_dump(mode="json") for change in file.changes]
         values |= {
             "name": name,
-            "description": f"{file.name} with changes: {said}.",
+            "description": f"{file.name} with changes: {text}.",
             "ego": file.ego,
             "changes": before + [change.model_dump(mode="json") for change in changes],
         }

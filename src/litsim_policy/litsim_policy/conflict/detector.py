@@ -221,8 +221,8 @@ class ConflictDetector:
         if not len(pairs):
             return np.zeros(0, np.bool_)
         overlap: BoolArray = np.asarray(~table.of_ego[pairs].any(axis=1))
-        at = overlap.nonzero()[0]
-        overlap[at] = self._log_overlaps.any(self.log.ids.searchsorted(table.id[pairs[at]]))
+        rows = overlap.nonzero()[0]
+        overlap[rows] = self._log_overlaps.any(self.log.ids.searchsorted(table.id[pairs[rows]]))
         return overlap
 
     def _first_of_each(
@@ -241,13 +241,13 @@ class ConflictDetector:
         conflicts: dict[int, Conflict] = {}
         order = np.lexsort((table.id[pairs[:, 1]], table.id[pairs[:, 0]], first))
         for k in order[hit[order]]:
-            row, opponent, at = int(pairs[k, 0]), int(pairs[k, 1]), int(first[k])
+            row, opponent, instant = int(pairs[k, 0]), int(pairs[k, 1]), int(first[k])
             agent = int(table.id[row])
             if agent not in conflicts:
-                pose = np.array([by_log.x[row, at], by_log.y[row, at], by_log.yaw[row, at]])
+                pose = np.array([by_log.x[row, instant], by_log.y[row, instant], by_log.yaw[row, instant]])
                 largest = float(probability[k].max())
                 urgent = bool((closing[k] * probability[k]).any())
-                time = (at + 1) * STEP_S
+                time = (instant + 1) * STEP_S
                 conflicts[agent] = Conflict(agent, int(table.id[opponent]), time, pose, largest, urgent)
         return list(conflicts.values())
 

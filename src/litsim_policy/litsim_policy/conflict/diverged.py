@@ -149,9 +149,9 @@ class DivergedAgents:
         """Returns the agents in the mask `which` (r,)."""
         if which.all():
             return self
-        at = which.nonzero()[0]
-        columns = (getattr(self, column.name)[at] for column in fields(self))
-        laid_out = [batch and batch.take(at) for batch in (self._paths, self._logged_paths)]
+        index = which.nonzero()[0]
+        columns = (getattr(self, column.name)[index] for column in fields(self))
+        laid_out = [batch and batch.take(index) for batch in (self._paths, self._logged_paths)]
         return DivergedAgents(*columns, laid_out=laid_out)
 
     def joined(self, *others: DivergedAgents) -> DivergedAgents:
@@ -168,13 +168,13 @@ class DivergedAgents:
             self._paths = PathBatch.of([path.points for path in self.path])
         return self._paths
 
-    def paths_of(self, at: IntArray) -> PathBatch:
-        """Returns the paths of the agents at positions `at` (k,), ascending, without laying out those of all others."""
-        if len(at) == len(self):
+    def paths_of(self, index: IntArray) -> PathBatch:
+        """Returns the paths of the agents at positions `index` (k,), ascending, without laying out those of others."""
+        if len(index) == len(self):
             return self.paths
         if self._paths is not None:
-            return self._paths.take(at)
-        return PathBatch.of([path.points for path in self.path[at]])
+            return self._paths.take(index)
+        return PathBatch.of([path.points for path in self.path[index]])
 
     @property
     def logged_paths(self) -> PathBatch:
@@ -183,20 +183,20 @@ class DivergedAgents:
             self._logged_paths = PathBatch.of([path.points for path in self.logged])
         return self._logged_paths
 
-    def return_to_log(self, at: IntArray) -> None:
-        """Let the agents at positions `at` (k,) follow their logged paths from now on."""
-        at = at[self.source[at] != LOGGED]
-        if len(at):
-            self.beside[at] = NO_LANE
-            self.path[at], self.source[at] = self.logged[at], PathSource.LOGGED
-            self.goal_s[at] = self.logged_paths.project(at, self.pose[at, 0], self.pose[at, 1]).s
+    def return_to_log(self, index: IntArray) -> None:
+        """Let the agents at positions `index` (k,) follow their logged paths from now on."""
+        index = index[self.source[index] != LOGGED]
+        if len(index):
+            self.beside[index] = NO_LANE
+            self.path[index], self.source[index] = self.logged[index], PathSource.LOGGED
+            self.goal_s[index] = self.logged_paths.project(index, self.pose[index, 0], self.pose[index, 1]).s
             self._paths = None
 
-    def pass_along(self, at: int, path: ReferencePath, lane: int, step: int) -> None:
-        """Let the agent at position `at` follow `path` into `lane`, a row in `LaneMap.lanes`, from `step` on."""
-        self.path[at], self.source[at], self.state[at] = path, PathSource.LANE, TakeoverState.HELD
-        self.beside[at], self.changed_step[at], self.slowed[at], self.clear[at] = lane, step, 0, 0
-        self.goal_s[at] = path.project(self.pose[at, :1], self.pose[at, 1:2])[0][0]
+    def pass_along(self, index: int, path: ReferencePath, lane: int, step: int) -> None:
+        """Let the agent at position `index` follow `path` into `lane`, a row in `LaneMap.lanes`, from `step` on."""
+        self.path[index], self.source[index], self.state[index] = path, PathSource.LANE, TakeoverState.HELD
+        self.beside[index], self.changed_step[index], self.slowed[index], self.clear[index] = lane, step, 0, 0
+        self.goal_s[index] = path.project(self.pose[index, :1], self.pose[index, 1:2])[0][0]
         self._paths = None
 
 

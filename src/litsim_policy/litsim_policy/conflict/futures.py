@@ -166,10 +166,10 @@ class Futures:
             forecast_rows[planned.rows] = -1  # they have no other manoeuvres
         alternatives = self._alternatives(forecast_rows, hard)
         if planned is not None and len(planned.rows):
-            at = planned.rows
-            by_forecast = PredictedMotion(states[at], valid[at])
+            rows = planned.rows
+            by_forecast = PredictedMotion(states[rows], valid[rows])
             motion = planned_motion(planned, table, by_forecast, self._config.sigma_scale)
-            states[at], valid[at] = motion.states, motion.valid
+            states[rows], valid[rows] = motion.states, motion.valid
         motions = PredictedMotion(states, valid, alternatives)
         motions.put(keep_to_log, self.by_log)
         return motions
@@ -180,9 +180,9 @@ class Futures:
         `forecast_rows` (k,) are those of the agents in the forecast; -1 for those not wanted.
         """
         forecast, table = self._forecast, self.covered
-        modes, known = forecast.modes, (forecast_rows >= 0).nonzero()[0]
+        modes, rows = forecast.modes, (forecast_rows >= 0).nonzero()[0]
         agent_of = np.full(len(forecast.id), -1, np.int64)
-        agent_of[forecast_rows[known]] = known
+        agent_of[forecast_rows[rows]] = rows
         agent = agent_of[modes.row]
         wanted = (agent >= 0).nonzero()[0]
         if not len(wanted):
@@ -268,10 +268,10 @@ def follow_logs(
             off_x, off_y = x[k] - log_x[row, here], y[k] - log_y[row, here]
         for t in range(count):
             step = now[k] + t + 1
-            at = min(max(step, 0), last)
-            states[k, t, X], states[k, t, Y] = log_x[row, at] + off_x, log_y[row, at] + off_y
-            states[k, t, YAW] = log_yaw[row, at]
-            valid[k, t] = step == at and log_valid[row, at]
+            logged = min(max(step, 0), last)
+            states[k, t, X], states[k, t, Y] = log_x[row, logged] + off_x, log_y[row, logged] + off_y
+            states[k, t, YAW] = log_yaw[row, logged]
+            valid[k, t] = step == logged and log_valid[row, logged]
     return states, valid
 
 
@@ -333,19 +333,19 @@ def hold_back(states: OutFloats2, x: float, y: float, speed: float, braking: flo
         step = math.hypot(places[t + 1, 0] - places[t, 0], places[t + 1, 1] - places[t, 1])
         travelled[t + 1] = travelled[t] + step
     until = min(braking_time, speed / braking)
-    at = 0
+    instant = 0
     for t in range(count):
         time = (t + 1) * STEP_S
         braked = min(time, until)
         reach = speed * braked - 0.5 * braking * braked**2 + (speed - braking * until) * (time - braked)
         if reach >= travelled[t + 1]:
             continue
-        while travelled[at + 1] < reach:  # reach grows from step to step
-            at += 1
-        way = travelled[at + 1] - travelled[at]
-        share = (reach - travelled[at]) / way if way > 0.0 else 0.0  # 0 if it is forecast to stand
-        states[t, X] = places[at, 0] + share * (places[at + 1, 0] - places[at, 0])
-        states[t, Y] = places[at, 1] + share * (places[at + 1, 1] - places[at, 1])
+        while travelled[instant + 1] < reach:  # reach grows from step to step
+            instant += 1
+        way = travelled[instant + 1] - travelled[instant]
+        share = (reach - travelled[instant]) / way if way > 0.0 else 0.0  # 0 if it is forecast to stand
+        states[t, X] = places[instant, 0] + share * (places[instant + 1, 0] - places[instant, 0])
+        states[t, Y] = places[instant, 1] + share * (places[instant + 1, 1] - places[instant, 1])
 
 
 @kernel
@@ -392,8 +392,8 @@ def _along_paths(
             time = (t + 1) * STEP_S
             gone = _gone(speed[k], acceleration[k], hold, time)
             if valid[k, t]:
-                known = min(max(1.0 - (time - hold) / fade, 0.0), 1.0)
-                gone = known * gone + (1.0 - known) * travelled
+                share = min(max(1.0 - (time - hold) / fade, 0.0), 1.0)
+                gone = share * gone + (1.0 - share) * travelled
             on_x, on_y, ux, uy = place_at(paths, k, s_now + gone)
             d = d_now * math.exp(-time / SETTLE)
             states[k, t, X], states[k, t, Y] = on_x - d * uy, on_y + d * ux

@@ -113,8 +113,8 @@ class LogLikelihood:
         row = judged.nonzero()[0]
         log_row = self.log.ids.searchsorted(table.id[row])
         step = np.minimum(table.step - lag[row], self.log.last_step[log_row])
-        known = step >= self.log.first_step[log_row]
-        row, log_row, step = row[known], log_row[known], step[known]
+        logged = step >= self.log.first_step[log_row]
+        row, log_row, step = row[logged], log_row[logged], step[logged]
         which = Judged(row, log_row, step, lag[row] > 0, table.off_log[row])
         agents = table.arrays._replace(acceleration=self._accelerations(table))
         off_record = (table.off_log & ~as_recorded).nonzero()[0]
@@ -125,18 +125,18 @@ class LogLikelihood:
     def _as_recorded(self, table: AgentTable) -> BoolArray:
         """Returns the mask (n,) of agents that are where their logs are at this step, without a lag."""
         log = self.log
-        at = log.ids.searchsorted(table.id), min(table.step, log.steps - 1)
-        apart = np.hypot(table.x - log.x[at], table.y - log.y[at])
-        near = (apart <= SAME_POSITION) & (np.abs(table.speed - log.speed[at]) <= SAME_SPEED)
-        return np.asarray(near & log.valid[at] & (table.step < log.steps))
+        place = log.ids.searchsorted(table.id), min(table.step, log.steps - 1)
+        apart = np.hypot(table.x - log.x[place], table.y - log.y[place])
+        near = (apart <= SAME_POSITION) & (np.abs(table.speed - log.speed[place]) <= SAME_SPEED)
+        return np.asarray(near & log.valid[place] & (table.step < log.steps))
 
     def _accelerations(self, table: AgentTable) -> FloatArray:
         """Returns accelerations (n,) [m/s2] over the last BACK steps; those of the step where an agent is new."""
         before = self._past[0]
         rows, elapsed = before.rows(table.id), (table.step - before.step) * STEP_S
-        acceleration, known = table.acceleration.copy(), rows >= 0
+        acceleration, seen = table.acceleration.copy(), rows >= 0
         if elapsed > 0.0:
-            acceleration[known] = (table.speed[known] - before.speed[rows[known]]) / elapsed
+            acceleration[seen] = (table.speed[seen] - before.speed[rows[seen]]) / elapsed
         return acceleration
 
 
@@ -147,9 +147,9 @@ def unlikely_logs(ratios: LogRatios, table: AgentTable, log: Log, which: BoolArr
     """
     conflicts = []
     for row in (which & (ratios.leader >= 0)).nonzero()[0].tolist():
-        at = log.row(int(table.id[row]))
-        then = min(table.step - int(ratios.lag[row]) + AHEAD, int(log.last_step[at]))
-        pose = np.array([log.x[at, then], log.y[at, then], log.yaw[at, then]])
+        log_row = log.row(int(table.id[row]))
+        then = min(table.step - int(ratios.lag[row]) + AHEAD, int(log.last_step[log_row]))
+        pose = np.array([log.x[log_row, then], log.y[log_row, then], log.yaw[log_row, then]])
         opponent = int(table.id[ratios.leader[row]])
         conflicts.append(
             Conflict(int(table.id[row]), opponent, AHEAD * STEP_S, pose, 0.0, reason=TakeoverReason.UNLIKELY)

@@ -29,21 +29,21 @@ class Passing:
     def __init__(self, lane_map: LaneMap, router: Router) -> None:
         self._lane_map, self._router, self._lines = lane_map, router, LaneLines(lane_map)
 
-    def may_return(self, now: DivergedNow, known: BoolArray) -> BoolArray:
+    def may_return(self, now: DivergedNow, off_before: BoolArray) -> BoolArray:
         """Returns the mask (r,) of agents that have not left the lanes of their logs to pass, or can return to them.
 
-        An agent that is on another road by now, such as a ramp, cannot. Agents that are not `known` (r,), since they
-        were taken over at this very step, claim no lane.
+        An agent that is on another road by now, such as a ramp, cannot. Agents that are not `off_before` (r,) were
+        taken over at this very step: they claim no lane.
         """
         may = np.ones(len(now.agents), np.bool_)
-        at = (known & (now.agents.beside != NO_LANE) & now.recorded).nonzero()[0]
-        if len(at):
-            here = self._lane_map.nearest(now.x[at], now.y[at], now.yaw[at]).lane
-            there = self._lane_map.nearest(now.log_x[at], now.log_y[at], now.log_yaw[at]).lane
-            may[at] = self._lines.road[here] == self._lines.road[there]
-            other = may[at] & (here != there)
-            at = at[other]
-            may[at] = self._weighed(now, at, here[other], there[other], known).safe
+        index = (off_before & (now.agents.beside != NO_LANE) & now.recorded).nonzero()[0]
+        if len(index):
+            here = self._lane_map.nearest(now.x[index], now.y[index], now.yaw[index]).lane
+            there = self._lane_map.nearest(now.log_x[index], now.log_y[index], now.log_yaw[index]).lane
+            may[index] = self._lines.road[here] == self._lines.road[there]
+            other = may[index] & (here != there)
+            index = index[other]
+            may[index] = self._weighed(now, index, here[other], there[other], off_before).safe
         return may
 
     def change_lanes(self, now: DivergedNow) -> None:
@@ -56,17 +56,17 @@ class Passing:
         self._stay_beside(now)
         self._give_up(now)
         waits = (agents.slowed >= PATIENCE) & (table.step - agents.changed_step >= AGAIN)
-        at = ((waits | (agents.beside != NO_LANE)) & (agents.state != RELEASED)).nonzero()[0]
-        if not len(at):
+        index = ((waits | (agents.beside != NO_LANE)) & (agents.state != RELEASED)).nonzero()[0]
+        if not len(index):
             return
-        here = self._lane_map.nearest(now.x[at], now.y[at], now.yaw[at])
+        here = self._lane_map.nearest(now.x[index], now.y[index], now.yaw[index])
         inside = np.abs(here.d) <= IN_LANE
-        at, lane, ahead = at[inside], here.lane[inside], here.s[inside] + LOOK
-        both, here_lane = np.concatenate([at, at]), np.concatenate([lane, lane])
+        index, lane, ahead = index[inside], here.lane[inside], here.s[inside] + LOOK
+        both, here_lane = np.concatenate([index, index]), np.concatenate([lane, lane])
         there = np.concatenate([self._lines.left[lane], self._lines.right[lane]])
         part = self._lines.beside(here_lane, there) < np.concatenate([ahead, ahead])
         # an agent that passes and has the lane of its log to the left or right must return there before they part
-        aside, passes = agents.logged_paths.project(at, now.x[at], now.y[at]).d, agents.beside[at] == lane
+        aside, passes = agents.logged_paths.project(index, now.x[index], now.y[index]).d, agents.beside[index] == lane
         must = part & np.concatenate([passes & (aside < -APART), passes & (aside > APART)])
         can = (there != NO_LANE) & (must | (waits[both] & ~part))
         both, here_lane, there, must = both[can], here_lane[can], there[can], must[can]
@@ -77,80 +77,82 @@ class Passing:
         for k in _chosen(now, both, changes.gain, worth):
             self._change(now, int(both[k]), int(there[k]))
 
-    def _change(self, now: DivergedNow, at: int, lane: int) -> None:
-        """Let the agent at position `at` change to `lane` if there is a path."""
-        pose = np.array([now.x[at], now.y[at], now.yaw[at]])
-        path = self._router.beside(pose, CHANGE_TIME * float(now.speed[at]), lane)
+    def _change(self, now: DivergedNow, index: int, lane: int) -> None:
+        """Let the agent at position `index` change to `lane` if there is a path."""
+        pose = np.array([now.x[index], now.y[index], now.yaw[index]])
+        path = self._router.beside(pose, CHANGE_TIME * float(now.speed[index]), lane)
         if path is not None:
-            now.agents.pass_along(at, path, lane, now.table.step)
+            now.agents.pass_along(index, path, lane, now.table.step)
 
     def _give_up(self, now: DivergedNow) -> None:
         """Return agents to their logged paths that are not in their new lanes yet and can no longer change."""
         agents = now.agents
-        at = (agents.beside != NO_LANE).nonzero()[0]
-        if not len(at):
+        index = (agents.beside != NO_LANE).nonzero()[0]
+        if not len(index):
             return
-        there = agents.beside[at]
+        there = agents.beside[index]
         line = self._lines.rows(there)
-        outside = np.abs(self._lines.batch.project(line, now.x[at], now.y[at]).d) > 0.5 * self._lines.width(there)
-        at, there = at[outside], there[outside]
-        if not len(at):
+        outside = np.abs(self._lines.batch.project(line, now.x[index], now.y[index]).d) > 0.5 * self._lines.width(there)
+        index, there = index[outside], there[outside]
+        if not len(index):
             return
-        here = self._lane_map.nearest(now.x[at], now.y[at], now.yaw[at]).lane
-        at = at[~self._weighed(now, at, here, there).room]
-        agents.return_to_log(at)
-        agents.changed_step[at], agents.slowed[at] = now.table.step, 0
+        here = self._lane_map.nearest(now.x[index], now.y[index], now.yaw[index]).lane
+        index = index[~self._weighed(now, index, here, there).room]
+        agents.return_to_log(index)
+        agents.changed_step[index], agents.slowed[index] = now.table.step, 0
 
     def _stay_beside(self, now: DivergedNow) -> None:
         """Keep agents in their present lanes that were returning to those of their logs and are held again."""
         agents = now.agents
-        at = ((agents.changed_step >= 0) & (agents.state == HELD) & (agents.source == LOGGED)).nonzero()[0]
-        if not len(at):
+        index = ((agents.changed_step >= 0) & (agents.state == HELD) & (agents.source == LOGGED)).nonzero()[0]
+        if not len(index):
             return
-        at = at[np.abs(agents.logged_paths.project(at, now.x[at], now.y[at]).d) > APART]
-        lanes = self._lane_map.nearest(now.x[at], now.y[at], now.yaw[at]).lane
-        for k, lane in zip(at.tolist(), lanes.tolist(), strict=True):
+        index = index[np.abs(agents.logged_paths.project(index, now.x[index], now.y[index]).d) > APART]
+        lanes = self._lane_map.nearest(now.x[index], now.y[index], now.yaw[index]).lane
+        for k, lane in zip(index.tolist(), lanes.tolist(), strict=True):
             self._change(now, k, lane)
 
     def _weighed(
-        self, now: DivergedNow, at: IntArray, here: IntArray, there: IntArray, claim: BoolArray | None = None
+        self, now: DivergedNow, index: IntArray, here: IntArray, there: IntArray, claim: BoolArray | None = None
     ) -> LaneChanges:
-        """Weigh lane changes from lanes `here` to lanes `there` (k,) of the agents at positions `at` (k,).
+        """Weigh lane changes from lanes `here` to lanes `there` (k,) of the agents at positions `index` (k,).
 
         Agents in the mask `claim` (r,), by default all, count as being in the lanes into which they move.
         """
-        if not len(at):
+        if not len(index):
             return LaneChanges(np.zeros(0), np.zeros(0, np.bool_), np.zeros(0, np.bool_))
-        line, twice = self._lines.rows(np.concatenate([here, there])), np.concatenate([at, at])
+        line, twice = self._lines.rows(np.concatenate([here, there])), np.concatenate([index, index])
         lines = self._lines.batch
         s = lines.project(line, now.x[twice], now.y[twice]).s
         x, y = lines.point(s, line).T
         heading = lines.heading(line, lines.segment(s, line))
         view = along_paths(lines, now.table, now.rows[twice], poses=(x, y, heading), path=line)
         claimed = self._claimed(now, np.arange(len(now.agents)) if claim is None else claim.nonzero()[0], there, view)
-        return weigh_changes(now.table, now.rows[at], now.log_speed[at], view, claimed, CHANGE_TIME * now.speed[at])
+        return weigh_changes(
+            now.table, now.rows[index], now.log_speed[index], view, claimed, CHANGE_TIME * now.speed[index]
+        )
 
-    def _claimed(self, now: DivergedNow, at: IntArray, there: IntArray, view: AlongPath) -> BoolArray:
-        """Returns the mask (k, w) of agents at positions `at` (c,) with paths that lead into the lanes `there` (k,).
+    def _claimed(self, now: DivergedNow, index: IntArray, there: IntArray, view: AlongPath) -> BoolArray:
+        """Returns the mask (k, w) of agents at positions `index` (c,) with paths that lead into the lanes `there` (k,).
 
         Covers agents in the scenes of those that have the `view`; its first k rows are theirs.
         """
         paths = now.agents.paths
-        s = paths.project(at, now.x[at], now.y[at]).s
-        x, y = paths.point(s + INTENT * now.speed[at], at).T
-        return self._lines.inside(there, now.rows[at], (x, y), view.first, view.s.shape[1])
+        s = paths.project(index, now.x[index], now.y[index]).s
+        x, y = paths.point(s + INTENT * now.speed[index], index).T
+        return self._lines.inside(there, now.rows[index], (x, y), view.first, view.s.shape[1])
 
 
-def _chosen(now: DivergedNow, at: IntArray, gain: FloatArray, worth: BoolArray) -> list[int]:
+def _chosen(now: DivergedNow, index: IntArray, gain: FloatArray, worth: BoolArray) -> list[int]:
     """Returns which of k lane changes are made: the best of each agent, and one of agents within ABREAST of each other.
 
-    The agents are at positions `at` (k,) in `now`; changes `worth` (k,) it are safe, too, and have a `gain` (k,)
+    The agents are at positions `index` (k,) in `now`; changes `worth` (k,) it are safe, too, and have a `gain` (k,)
     [m/s2].
     """
-    x, y, scene = now.x[at], now.y[at], now.table.scene[now.rows[at]]
+    x, y, scene = now.x[index], now.y[index], now.table.scene[now.rows[index]]
     chosen: list[int] = []
     for k in worth.nonzero()[0].tolist():
-        of_agent = (worth & (at == at[k])).nonzero()[0]
+        of_agent = (worth & (index == index[k])).nonzero()[0]
         best = of_agent[gain[of_agent].argmax()] == k
         near = (scene[chosen] == scene[k]) & ((x[chosen] - x[k]) ** 2 + (y[chosen] - y[k]) ** 2 < ABREAST**2)
         if best and not near.any():

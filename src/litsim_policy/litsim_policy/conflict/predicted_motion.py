@@ -99,8 +99,8 @@ class PredictedMotion:
 
         Call it before directions are read.
         """
-        at = rows.nonzero()[0]
-        self.states[at], self.valid[at] = other.states[at], other.valid[at]
+        index = rows.nonzero()[0]
+        self.states[index], self.valid[index] = other.states[index], other.valid[index]
 
 
 def _directions(states: FloatArray) -> tuple[Float32Array, Float32Array]:

@@ -101,8 +101,8 @@ class TakeoverManager:
         """Returns those in the mask `among` (n,) of the agents under control so far at this step, and their paths."""
         diverged = self._diverged
         rows = table.rows(diverged.agent)
-        at = among[rows].nonzero()[0]
-        return PlannedPaths(rows[at], diverged.paths_of(at), diverged.detected_step[at] == table.step)
+        index = among[rows].nonzero()[0]
+        return PlannedPaths(rows[index], diverged.paths_of(index), diverged.detected_step[index] == table.step)
 
     def _take_over(self, futures: Futures, before: BoolArray, lagged: BoolArray, ratios: LogRatios) -> BoolArray:
         """Take over agents with confirmed conflicts; return the mask (n,) of agents off their logs now, as `before`.
@@ -120,12 +120,12 @@ class TakeoverManager:
         while fresh.any() and done < ITERATIONS_MAX:
             done += 1
             self.iterations[table.scene[fresh]] = done
-            known, diverged = diverged, diverged.copy()
-            conflicts = with_changed(self._detector.conflicts(futures, ~known & ~barred, fresh), ratios, table)
+            previous, diverged = diverged, diverged.copy()
+            conflicts = with_changed(self._detector.conflicts(futures, ~previous & ~barred, fresh), ratios, table)
             if done == 1 and lagged.any():
                 conflicts = soonest(conflicts, *self._detector.conflicts_of_lagged(futures, before, lagged, barred))
             if done == 1:
-                unlikely = (ratios.ratio < -self._config.unlikely) & ~known & ~barred
+                unlikely = (ratios.ratio < -self._config.unlikely) & ~previous & ~barred
                 conflicts = soonest(conflicts, unlikely_logs(ratios, table, self._scenario.log, unlikely))
             opened = []
             for conflict in conflicts:
@@ -135,34 +135,36 @@ class TakeoverManager:
                     opened.append(by_conflict(self._scenario, self._router, table, conflict))
                     diverged[table.row(conflict.agent)] = True
             self._diverged = self._diverged.joined(*opened) if opened else self._diverged
-            fresh = diverged & ~known
+            fresh = diverged & ~previous
         self._suspected = suspected
         self.converged = np.ones(len(self.converged), np.bool_)
         self.converged[table.scene[fresh]] = False
         return diverged
 
-    def _review(self, now: DivergedNow, known: BoolArray, futures: Futures, opponents: BoolArray) -> None:
-        """Move agents that were `known` (mask (r,)) to be off their logs before this step on to their next states.
+    def _review(self, now: DivergedNow, off_before: BoolArray, futures: Futures, opponents: BoolArray) -> None:
+        """Move agents that were `off_before` (mask (r,)) to be off their logs before this step on to their next states.
 
         They may be in conflict with `opponents` (mask (n,)).
         """
-        if not known.any():
+        if not off_before.any():
             return
         mine = np.zeros(len(now.table), np.bool_)
-        mine[now.rows[known]] = True
+        mine[now.rows[off_before]] = True
         in_conflict = self._detector.still_in_conflict(futures, mine, opponents)[now.rows]
         in_conflict |= now.agents.log_ratio < -UNLIKELY_STILL * self._config.unlikely
-        now.agents.in_conflict[known] = in_conflict[known]
-        free = known & now.recorded & ~in_conflict
+        now.agents.in_conflict[off_before] = in_conflict[off_before]
+        free = off_before & now.recorded & ~in_conflict
         if self._passing is not None:
-            free &= self._passing.may_return(now, known)
-        at = free.nonzero()[0]
-        free[at] = ~obstructed(now, at, self._scenario.log_overlaps)
-        move_on(self._config, now, known, free, unneeded(self._scenario, now, self._roi_m))
+            free &= self._passing.may_return(now, off_before)
+        index = free.nonzero()[0]
+        free[index] = ~obstructed(now, index, self._scenario.log_overlaps)
+        move_on(self._config, now, off_before, free, unneeded(self._scenario, now, self._roi_m))
 
 
-def move_on(config: ConflictConfig, now: DivergedNow, known: BoolArray, free: BoolArray, needless: BoolArray) -> None:
-    """Move agents off their logs, those of the mask `known` (r,), on to their next states, in place.
+def move_on(
+    config: ConflictConfig, now: DivergedNow, off_before: BoolArray, free: BoolArray, needless: BoolArray
+) -> None:
+    """Move agents off their logs, those of the mask `off_before` (r,), on to their next states, in place.
 
     An agent that is not `free` (r,), as it is in conflict or its way back is taken, is HELD. One that has been free
     for long enough is handed back along its logged path, and released as soon as the residuals allow it. A
@@ -177,5 +179,5 @@ def move_on(config: ConflictConfig, now: DivergedNow, known: BoolArray, free: Bo
     back = (back & (np.abs(now.residual_yaw) <= RELEASE_YAW)) | (config.handback == "at_once")
     state = np.where(~free | stays, HELD, np.where(back & ~held, RELEASED, HANDBACK))
     state[needless & may_end] = RELEASED
-    agents.clear[known], agents.state[known] = clear[known], state[known]
-    agents.return_to_log((known & (agents.state == HANDBACK)).nonzero()[0])
+    agents.clear[off_before], agents.state[off_before] = clear[off_before], state[off_before]
+    agents.return_to_log((off_before & (agents.state == HANDBACK)).nonzero()[0])

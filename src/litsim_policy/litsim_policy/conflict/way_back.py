@@ -14,21 +14,21 @@ from litsim_sim.scenario.setting import Setting
 OBSTACLE_SIGHT = 30.0  # [m] range, beyond the distance to the place in the log, of agents that may block the way
 
 
-def obstructed(now: DivergedNow, at: IntArray, log_overlaps: LogOverlaps) -> BoolArray:
-    """Returns the mask (k,) of agents at positions `at` (k,) whose way to their places in the log others block.
+def obstructed(now: DivergedNow, index: IntArray, log_overlaps: LogOverlaps) -> BoolArray:
+    """Returns the mask (k,) of agents at positions `index` (k,) whose way to their places in the log others block.
 
     Background agents that overlap them there in the log itself do not.
     """
-    if not len(at):
+    if not len(index):
         return np.zeros(0, np.bool_)
-    table, paths, rows = now.table, now.agents.logged_paths, now.rows[at]
-    place = paths.project(at, now.log_x[at], now.log_y[at])
-    view = along_paths(paths, table, rows, sight=OBSTACLE_SIGHT + 2.0 * now.residual_position[at], path=at)
+    table, paths, rows = now.table, now.agents.logged_paths, now.rows[index]
+    place = paths.project(index, now.log_x[index], now.log_y[index])
+    view = along_paths(paths, table, rows, sight=OBSTACLE_SIGHT + 2.0 * now.residual_position[index], path=index)
     between = view.ahead & view.in_path & (view.gap < (place.s - view.own_s)[:, None])
     for k, column, row in view.pairs(between):
         if not table.of_ego[row]:
             own, other = (int(log_row) for log_row in now.log.ids.searchsorted(table.id[[rows[k], row]]))
-            time = table.step - int(now.lag[at[k]])
+            time = table.step - int(now.lag[index[k]])
             between[k, column] = not log_overlaps.meets(own, other, time, table.x[row], table.y[row])
     return np.asarray(between.any(axis=1))
 

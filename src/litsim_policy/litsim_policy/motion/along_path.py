@@ -178,9 +178,9 @@ def _is_beyond(corridor: Corridor, vertices: Floats2, n: int, x: float, y: float
     offset = corridor.cos * (y - corridor.y) - corridor.sin * (x - corridor.x)
     if not max(offset - corridor.left, corridor.right - offset) > distance:
         return False
-    found = nearest_of(vertices, n, 0, 1, x, y, (0, math.inf, 0.0, 0.0))
-    found = nearest_of(vertices, n, n - 2, n - 1, x, y, found)
-    return found[1] > distance * distance
+    nearest = nearest_of(vertices, n, 0, 1, x, y, (0, math.inf, 0.0, 0.0))
+    nearest = nearest_of(vertices, n, n - 2, n - 1, x, y, nearest)
+    return nearest[1] > distance * distance
 
 
 @kernel
@@ -201,7 +201,7 @@ def _projected(
     most, pairs = 0, 0
     for i in range(len(rows)):
         most, pairs = max(most, end[i] - begin[i]), pairs + end[i] - begin[i]
-    pair, found = np.empty((2, pairs), np.int64), np.empty((5, pairs))
+    pair, place = np.empty((2, pairs), np.int64), np.empty((5, pairs))
     cos, sin = np.cos(agents.yaw), np.sin(agents.yaw)
     # the pair for which an agent was projected onto a path already
     before = np.full((len(paths.counts), most), -1, np.int64)
@@ -227,10 +227,11 @@ def _projected(
                 ):
                     continue
             pair[0, k], pair[1, k] = i, j
-            known = on_path[j - begin[i]]
-            if j != rows[i] and known >= 0 and pair[1, known] == j:  # not an agent of another scene on the same path
+            earlier = on_path[j - begin[i]]
+            # not an agent of another scene on the same path
+            if j != rows[i] and earlier >= 0 and pair[1, earlier] == j:
                 for field in range(5):
-                    found[field, k] = found[field, known]
+                    place[field, k] = place[field, earlier]
                 k += 1
                 continue
             place_x, place_y, heading = agents.x[j], agents.y[j], agents.yaw[j]
@@ -242,10 +243,10 @@ def _projected(
             # at a vertex, the direction is that of the segment that begins there
             if segment < last and s >= vertices[segment + 1, S]:
                 segment += 1
-            found[0, k], found[1, k], found[2, k] = s, d, heading
-            found[3, k], found[4, k] = vertices[segment, UNIT_X], vertices[segment, UNIT_Y]
+            place[0, k], place[1, k], place[2, k] = s, d, heading
+            place[3, k], place[4, k] = vertices[segment, UNIT_X], vertices[segment, UNIT_Y]
             k += 1
-    return begin, most, pair[:, :k].copy(), found[:, :k].copy()
+    return begin, most, pair[:, :k].copy(), place[:, :k].copy()
 
 
 @kernel

@@ -185,9 +185,9 @@ def _idm_accelerations(
 
     `models` are the parameters :class:`IdmValues` of each vehicle (m, 5) or of all (1, 5).
     """
-    found = np.empty(len(speed))
+    acceleration = np.empty(len(speed))
     for i in range(len(speed)):
         own = models[i if len(models) > 1 else 0]
         model = IdmValues(own[0], own[1], own[2], own[3], own[4])
-        found[i] = idm(speed[i], desired_speed[i], gap[i], leader_speed[i], leads[i], model)
-    return found
+        acceleration[i] = idm(speed[i], desired_speed[i], gap[i], leader_speed[i], leads[i], model)
+    return acceleration

@@ -132,13 +132,13 @@ def _laid_out(points: Floats2, counts: Ints) -> tuple[Floats3, Floats3]:
 @kernel
 def thinned(points: Floats2, spacing: float) -> Ints:
     """Return indices of the `points` (m, 2) to keep: the first, and each at least `spacing` [m] from the last kept."""
-    kept, found, last = np.empty(len(points), np.int64), 1, 0
+    kept, count, last = np.empty(len(points), np.int64), 1, 0
     kept[0] = 0
     for k in range(1, len(points)):
         if math.hypot(points[k, 0] - points[last, 0], points[k, 1] - points[last, 1]) >= spacing:
-            kept[found], last = k, k
-            found += 1
-    return kept[:found].copy()
+            kept[count], last = k, k
+            count += 1
+    return kept[:count].copy()
 
 
 Found = tuple[int, float, float, float]
@@ -146,12 +146,12 @@ Found = tuple[int, float, float, float]
 
 
 @kernel
-def nearest_of(segments: Floats2, n: int, begin: int, end: int, x: float, y: float, found: Found) -> Found:
-    """Return the segment from `begin` to `end` of a path (L, 5) that is nearest to a position, or `found` if nearer.
+def nearest_of(segments: Floats2, n: int, begin: int, end: int, x: float, y: float, nearest: Found) -> Found:
+    """Return the segment from `begin` to `end` of a path (L, 5) that is nearest to a position, or `nearest` if nearer.
 
     Of equally near segments, the first is taken. The path has `n` vertices.
     """
-    nearest_k, best, forward, left = found
+    nearest_k, best, forward, left = nearest
     for k in range(begin, end):
         unit_x, unit_y = segments[k, UNIT_X], segments[k, UNIT_Y]
         dx, dy = x - segments[k, X], y - segments[k, Y]
@@ -187,17 +187,17 @@ def nearest(paths: PathBatch, p: int, x: float, y: float) -> tuple[int, float, f
         if square < least:
             first, least = c, square
     # the first and the last segment reach beyond their circles
-    found = nearest_of(segments, n, 0, 1, x, y, (0, math.inf, 0.0, 0.0))
-    found = nearest_of(segments, n, n - 2, n - 1, x, y, found)
-    found = nearest_of(segments, n, first * CHUNK, min((first + 1) * CHUNK, n - 1), x, y, found)
-    distance = math.sqrt(found[1])
+    foot = nearest_of(segments, n, 0, 1, x, y, (0, math.inf, 0.0, 0.0))
+    foot = nearest_of(segments, n, n - 2, n - 1, x, y, foot)
+    foot = nearest_of(segments, n, first * CHUNK, min((first + 1) * CHUNK, n - 1), x, y, foot)
+    distance = math.sqrt(foot[1])
     for c in range(chunks):
         dx, dy = x - circles[c, 0], y - circles[c, 1]
         reach = distance + circles[c, 2] + SLACK
         if c != first and dx * dx + dy * dy <= reach * reach:
-            found = nearest_of(segments, n, c * CHUNK, min((c + 1) * CHUNK, n - 1), x, y, found)
-            distance = math.sqrt(found[1])
-    return found[0], segments[found[0], S] + found[2], found[3]
+            foot = nearest_of(segments, n, c * CHUNK, min((c + 1) * CHUNK, n - 1), x, y, foot)
+            distance = math.sqrt(foot[1])
+    return foot[0], segments[foot[0], S] + foot[2], foot[3]
 
 
 @kernel
@@ -226,10 +226,11 @@ def segment_at(paths: PathBatch, p: int, s: float) -> int:
 @kernel
 def place_at(paths: PathBatch, p: int, s: float) -> tuple[float, float, float, float]:
     """Return the place on path `p` at arc length `s` [m]: x, y [m], and the unit vector of the path there."""
-    at = segment_at(paths, p, s)
-    unit_x, unit_y = paths.segments[p, at, UNIT_X], paths.segments[p, at, UNIT_Y]
-    along = s - paths.segments[p, at, S]
-    return paths.segments[p, at, X] + along * unit_x, paths.segments[p, at, Y] + along * unit_y, unit_x, unit_y
+    segment = segment_at(paths, p, s)
+    unit_x, unit_y = paths.segments[p, segment, UNIT_X], paths.segments[p, segment, UNIT_Y]
+    along = s - paths.segments[p, segment, S]
+    begin_x, begin_y = paths.segments[p, segment, X], paths.segments[p, segment, Y]
+    return begin_x + along * unit_x, begin_y + along * unit_y, unit_x, unit_y
 
 
 @kernel
@@ -244,22 +245,22 @@ def _segments_at(paths: PathBatch, path: Ints, s: Floats) -> Ints:
 @kernel
 def _points_at(paths: PathBatch, path: Ints, s: Floats) -> Floats2:
     """See :meth:`PathBatch.point`."""
-    segments, found = paths.segments, np.empty((len(path), 2))
+    segments, points = paths.segments, np.empty((len(path), 2))
     for i in range(len(path)):
         p = path[i]
         last = paths.counts[p] - 1
         for axis in (X, Y):
             if s[i] <= 0.0:
-                found[i, axis] = segments[p, 0, axis] + s[i] * segments[p, 0, UNIT_X + axis]
+                points[i, axis] = segments[p, 0, axis] + s[i] * segments[p, 0, UNIT_X + axis]
             elif s[i] >= segments[p, last, S]:
                 beyond = s[i] - segments[p, last, S]
-                found[i, axis] = segments[p, last, axis] + beyond * segments[p, last - 1, UNIT_X + axis]
+                points[i, axis] = segments[p, last, axis] + beyond * segments[p, last - 1, UNIT_X + axis]
             else:
                 k = segment_at(paths, p, s[i])
                 rise = segments[p, k + 1, axis] - segments[p, k, axis]
                 slope = rise / (segments[p, k + 1, S] - segments[p, k, S])
-                found[i, axis] = slope * (s[i] - segments[p, k, S]) + segments[p, k, axis]
-    return found
+                points[i, axis] = slope * (s[i] - segments[p, k, S]) + segments[p, k, axis]
+    return points
 
 
 @kernel
@@ -287,6 +288,6 @@ def directions_ahead(paths: PathBatch, s: Floats, reach: Floats) -> tuple[Floats
     unit_x, unit_y = np.empty((len(s), 3)), np.empty((len(s), 3))
     for i in range(len(s)):
         for k, share in enumerate((0.0, 0.5, 1.5)):
-            at = segment_at(paths, i, s[i] + reach[i] * share)
-            unit_x[i, k], unit_y[i, k] = paths.segments[i, at, UNIT_X], paths.segments[i, at, UNIT_Y]
+            segment = segment_at(paths, i, s[i] + reach[i] * share)
+            unit_x[i, k], unit_y[i, k] = paths.segments[i, segment, UNIT_X], paths.segments[i, segment, UNIT_Y]
     return unit_x, unit_y

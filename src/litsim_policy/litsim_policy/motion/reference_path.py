@@ -53,8 +53,8 @@ class ReferencePath:
 
         The first and last segments are prolonged, so points before or beyond the path have s < 0 or s > length.
         """
-        at = self.batch.project(np.zeros(len(x), np.int64), x, y)
-        return at.s, at.d
+        foot = self.batch.project(np.zeros(len(x), np.int64), x, y)
+        return foot.s, foot.d
 
     def point(self, s: float) -> FloatArray:
         """Returns point (2,) at arc length `s` [m], with ends prolonged."""
@@ -100,15 +100,15 @@ def _logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
 
 def onto_lane(lane_map: LaneMap, end: FloatArray, yaw: float) -> FloatArray:
     """Points (m, 2) that continue a path from its `end` (2,) with heading `yaw` [rad] onto the lane's centre line."""
-    at = lane_map.nearest(end[:1], end[1:], np.array([yaw]))
-    beyond = lane_map.path_from(int(at.lane[0]), float(at.s[0]) + 3.0 * SPACING, BEYOND)
-    return _shifted(beyond, float(at.d[0]))
+    place = lane_map.nearest(end[:1], end[1:], np.array([yaw]))
+    beyond = lane_map.path_from(int(place.lane[0]), float(place.s[0]) + 3.0 * SPACING, BEYOND)
+    return _shifted(beyond, float(place.d[0]))
 
 
 def lane_path(lane_map: LaneMap, x: float, y: float, yaw: float, length: float = LANE_LENGTH) -> ReferencePath:
     """Returns the centre line of the lane at the pose `x`, `y` [m], `yaw` [rad], over `length` [m] from there on."""
-    at = lane_map.nearest(np.array([x]), np.array([y]), np.array([yaw]))
-    return ReferencePath.through(lane_map.path_from(int(at.lane[0]), float(at.s[0]), length))
+    place = lane_map.nearest(np.array([x]), np.array([y]), np.array([yaw]))
+    return ReferencePath.through(lane_map.path_from(int(place.lane[0]), float(place.s[0]), length))
 
 
 def route_path(log: Log, lane_map: LaneMap, agent: int, pose: FloatArray) -> ReferencePath:
@@ -120,8 +120,8 @@ def route_path(log: Log, lane_map: LaneMap, agent: int, pose: FloatArray) -> Ref
     valid = log.valid[row]
     on = lane_map.nearest(log.x[row][valid], log.y[row][valid], log.yaw[row][valid])
     edges = {lane_map.lanes[lane].edge_id for lane in np.unique(on.lane)}
-    at = lane_map.nearest(pose[:1], pose[1:2], pose[2:])
-    return ReferencePath.through(lane_map.path_from(int(at.lane[0]), float(at.s[0]), LANE_LENGTH, edges))
+    place = lane_map.nearest(pose[:1], pose[1:2], pose[2:])
+    return ReferencePath.through(lane_map.path_from(int(place.lane[0]), float(place.s[0]), LANE_LENGTH, edges))
 
 
 def lane_change_path(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -> ReferencePath:

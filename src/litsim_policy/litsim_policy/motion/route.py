@@ -58,12 +58,12 @@ class Router:
             goal: the pose to reach; its yaw only selects the lane.
         """
         ends = np.stack([pose, goal])
-        at = self._lanes.nearest(ends[:, 0], ends[:, 1], ends[:, 2])
-        way = self.lanes_between(int(at.lane[0]), int(at.lane[1]))
-        if way is None or (len(way) == 1 and at.s[1] <= at.s[0]):
+        places = self._lanes.nearest(ends[:, 0], ends[:, 1], ends[:, 2])
+        way = self.lanes_between(int(places.lane[0]), int(places.lane[1]))
+        if way is None or (len(way) == 1 and places.s[1] <= places.s[0]):
             return None
-        knots = self._knots(way, float(at.s[0]), float(at.s[1]))
-        last = np.array([goal[0], goal[1], at.heading[1]])
+        knots = self._knots(way, float(places.s[0]), float(places.s[1]))
+        last = np.array([goal[0], goal[1], places.heading[1]])
         straight = float(np.hypot(*(goal[:2] - pose[:2])))
         if straight < SPACING or _length(knots) > DETOUR * straight + CHANGE_LENGTH:
             return None

@@ -56,9 +56,9 @@ class StopLines:
         gap = line.s - (s + 0.5 * table.length[rows])[path]
         needed = table.speed[rows][path] ** 2 / (2.0 * np.maximum(gap, GAP_MIN))
         bound = np.where(red[scene[path], link], RED_BRAKING, AMBER_BRAKING)
-        at = ((np.abs(line.d) <= ON_WAY) & (gap > -PASSED) & (needed <= bound)).nonzero()[0]
-        at = at[self._taken(paths, path[at], link[at], line.segment[at], line.s[at])]
-        np.minimum.at(distance, path[at], np.maximum(gap[at], GAP_MIN))
+        ahead = ((np.abs(line.d) <= ON_WAY) & (gap > -PASSED) & (needed <= bound)).nonzero()[0]
+        ahead = ahead[self._taken(paths, path[ahead], link[ahead], line.segment[ahead], line.s[ahead])]
+        np.minimum.at(distance, path[ahead], np.maximum(gap[ahead], GAP_MIN))
         return distance
 
     def of(self, agents: PathFollowers) -> FloatArray:
@@ -78,12 +78,12 @@ def idm_at_signals(
     config: IdmConfig, speed: FloatArray, desired_speed: FloatArray, acceleration: FloatArray, gap: FloatArray
 ) -> FloatArray:
     """Returns the lesser of `acceleration` (m,) [m/s2] and that of the model for a stop after `gap` [m]."""
-    at = (gap < FREE).nonzero()[0]
-    if not len(at):
+    rows = (gap < FREE).nonzero()[0]
+    if not len(rows):
         return acceleration
     limited = acceleration.copy()
-    standing = np.zeros((len(at), 1))
-    limited[at] = np.minimum(
-        limited[at], idm_acceleration(config, speed[at], desired_speed[at], gap[at][:, None], standing)
+    standing = np.zeros((len(rows), 1))
+    limited[rows] = np.minimum(
+        limited[rows], idm_acceleration(config, speed[rows], desired_speed[rows], gap[rows][:, None], standing)
     )
     return limited
