@@ -14,6 +14,7 @@ from litsim_sim.core.scene import FloatArray
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.route import lanes_ahead, logged_edges
 
 SPACING = 1.0  # [m] between points; recorded positions jitter at shorter distances
 LANE_LENGTH = 2000.0  # [m] length of a path along a lane: more than any run covers
@@ -116,12 +117,8 @@ def route_path(log: Log, lane_map: LaneMap, agent: int, pose: FloatArray) -> Ref
 
     It never changes lane; where the lane leaves those edges, it continues straight on.
     """
-    row = int(np.searchsorted(log.ids, agent))
-    valid = log.valid[row]
-    on = lane_map.nearest(log.x[row][valid], log.y[row][valid], log.yaw[row][valid])
-    edges = {lane_map.lanes[lane].edge_id for lane in np.unique(on.lane)}
-    place = lane_map.nearest(pose[:1], pose[1:2], pose[2:])
-    return ReferencePath.through(lane_map.path_from(int(place.lane[0]), float(place.s[0]), LANE_LENGTH, edges))
+    edges = logged_edges(log, lane_map, agent)
+    return ReferencePath.through(lanes_ahead(lane_map, pose, LANE_LENGTH, edges))
 
 
 def lane_change_path(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -> ReferencePath:

@@ -6,11 +6,9 @@ import math
 import time
 from typing import Any
 
-import numpy as np
 import yaml
 from builtin_interfaces.msg import Time
 from litsim_msgs.msg import RunInfo
-from nav_msgs.msg import Path
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
@@ -43,6 +41,7 @@ from litsim_sim.ros.topics import (
     Topic,
 )
 from litsim_sim.scenario.perception import Perception
+from litsim_sim.scenario.route import ego_route
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, versions
 from litsim_sim.scenario.scenario import Scenario
 
@@ -79,7 +78,8 @@ class Broadcast:
     def begin(self, info: RunInfo) -> None:
         """Publish the messages for the whole run."""
         self._publishers[RUN_INFO].publish(info)
-        self._publishers[EGO_ROUTE].publish(route(self._plan.scenario))
+        route = ego_route(self._plan.scenario, ROUTE_LENGTH)
+        self._publishers[EGO_ROUTE].publish(messages.route_path(route, 0))
         self._publishers[EGO_VEHICLE].publish(frames.vehicle_table(self._geometry, self._plan.scenario.vehicle))
         self._publishers[EGO_FOOTPRINT].publish(frames.footprint(self._geometry))
         if self._frames:
@@ -158,14 +158,6 @@ def _standard(topic: Topic, table: AgentTable, scenario: Scenario) -> Any:
     if topic == LIGHTS:
         return standard.lights(table.step, scenario.signals, scenario.lane_map)
     return standard.light_markers(table.step, scenario.signals)
-
-
-def route(scenario: Scenario) -> Path:
-    """Returns the centre line of the ego's first lane and its continuation."""
-    table = scenario.log.table(0)
-    row = np.array([table.row(scenario.ego_id)])
-    at = scenario.lane_map.nearest(table.x[row], table.y[row], table.yaw[row])
-    return messages.route_path(scenario.lane_map.path_from(int(at.lane[0]), float(at.s[0]), ROUTE_LENGTH), 0)
 
 
 def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]], *, clock: bool = True) -> RunInfo:
