@@ -131,4 +131,5 @@ def test_what_a_killed_campaign_has_started_ends_and_it_goes_on(graph: Any) -> N
     assert done.returncode == 0, done.stderr
     (result,) = read_campaign(graph.folder / "out").results
     assert result.verdict == Verdict.PASSED
+    assert result.metrics is not None and result.metrics["timing"]["answer_ms"]["p99"] > 500.0, "it sleeps for as long"
     assert [path.name for path in (graph.folder / "out/runs").iterdir()] == [result.case.id]

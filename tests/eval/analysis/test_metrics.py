@@ -124,6 +124,15 @@ def test_guarded_commands_show(run: Any, capsys: pytest.CaptureFixture[str]) -> 
     assert re.search(r"guarded steps of policy C +25\.0 %", capsys.readouterr().out)
 
 
+def test_the_terminal_tells_of_an_ego_that_is_too_slow(
+    run: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "120")
+    for seconds, told in ((0.25, True), (0.05, False)):
+        print_metrics(compute_metrics(replace(run, timing={"ego": dict.fromkeys(range(STEPS + 1), seconds)})))
+        assert ("too slow for 10 Hz" in capsys.readouterr().out) == told
+
+
 def test_the_ledger_shows_contacts_and_takeovers(
     run: Any, moved: Make, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

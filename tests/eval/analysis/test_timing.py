@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from litsim_eval.analysis.timing import step_path, timing
+from litsim_eval.analysis.timing import pace_text, step_path, timing
 
 if TYPE_CHECKING:
     from litsim_sim.core.scene import AgentTable
@@ -76,3 +76,41 @@ def test_a_run_tells_the_spread_of_every_part(make_run: Callable[..., Run], tabl
 def test_a_step_that_one_stage_has_not_marked_has_no_path_though_others_have(stage: str) -> None:
     marks = MARKS | {stage: {2: MARKS[stage][1]}}
     assert step_path(1, marks) == {}
+
+
+# Time to answer
+
+SLOW = {"median": 50.0, "p99": 298.0, "max": 400.0}
+
+
+def test_the_ego_of_the_graph_answers_from_the_publication_of_a_step_on(
+    make_run: Callable[..., Run], table: Callable[..., AgentTable]
+) -> None:
+    seconds = [9.0, 0.05, 0.4, None, 0.05]  # of a stack that starts late, and misses an answer
+    took = [{} if each is None else {"ego": 10.0 + each} for each in seconds]
+    marks = {"bridge": {step: {"shown": 10.0} | each for step, each in enumerate(took)}}
+    compute = {"ego": dict.fromkeys(range(5), 0.001)}
+    run = make_run([table(step) for step in range(5)], marks=marks, timing=compute)
+    assert timing(run)["answer_ms"] == pytest.approx({"median": 50.0, "p99": 393.0, "max": 400.0})
+
+
+def test_the_ego_in_process_answers_after_its_compute_time(
+    make_run: Callable[..., Run], table: Callable[..., AgentTable]
+) -> None:
+    compute = {"ego": {0: 1.0, 1: 0.002, 2: 0.004}}
+    run = make_run([table(step) for step in range(3)], timing=compute)
+    assert timing(run)["answer_ms"] == pytest.approx({"median": 3.0, "p99": 3.98, "max": 4.0})
+
+
+def test_records_of_the_graph_by_an_earlier_version_do_not_tell_when_the_ego_answers(
+    make_run: Callable[..., Run], table: Callable[..., AgentTable]
+) -> None:
+    run = make_run([table(step) for step in range(3)], marks=MARKS, timing={"ego": {1: 0.002}})
+    assert timing(run)["answer_ms"] == {}
+    assert pace_text({"timing": {"answer_ms": {}}}) == pace_text({"timing": {}}) == ""
+
+
+def test_a_stack_of_whose_answers_one_in_a_hundred_takes_longer_than_a_step_is_too_slow() -> None:
+    text = "too slow for 10 Hz: one in 100 answers of the ego takes 298 ms or longer"
+    assert pace_text({"timing": {"answer_ms": SLOW}}) == text
+    assert pace_text({"timing": {"answer_ms": SLOW | {"p99": 100.0}}}) == "", "in time"

@@ -102,6 +102,13 @@ def test_a_run_that_is_not_valid_is_not_praised(small_run: Run, monkeypatch: pyt
     assert praise not in render(small_run, metrics | {"valid": False})
 
 
+def test_an_ego_that_is_too_slow_is_told(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
+    metrics = compute_metrics(small_run)
+    metrics["timing"] = metrics["timing"] | {"answer_ms": {"median": 40.0, "p99": 250.0, "max": 300.0}}
+    assert "too slow for 10 Hz" in render(small_run, metrics)
+
+
 def test_changes_of_the_scenario_are_told(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
     brake = {"kind": "brake", "agent": 2, "begin_s": 4.0, "duration_s": 1.5, "deceleration": 2.0}

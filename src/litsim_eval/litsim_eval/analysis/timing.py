@@ -1,4 +1,4 @@
-"""Wall time of a run, and how a step spends it on its way from the bridge through the stages and back."""
+"""Wall time of a run, how a step spends it on its way through the stages and back, and how soon the ego answers."""
 
 from __future__ import annotations
 
@@ -8,10 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from litsim_eval.analysis.measure import ANY_KEY, HIGHER, Branch, Measure, Row, Table, family, mean
+from litsim_eval.analysis.measure import (
+    ANY_KEY,
+    HIGHER,
+    LOWER,
+    Branch,
+    Measure,
+    Metrics,
+    Row,
+    Table,
+    family,
+    figure_at,
+    largest,
+    mean,
+)
+from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES
 from litsim_sim.record.run import Run
 
+STEP_MS = 1e3 * STEP_S
 Marks = Mapping[str, Mapping[int, Mapping[str, float]]]
 """Clock times [s] by stage, step and mark: `begin` and `answered` for every stage, and more for the bridge."""
 
@@ -31,7 +46,32 @@ def timing(run: Run) -> dict[str, Any]:
         "realtime_factor": last * run.info.dt / wall if wall else None,
         "stage_ms": _spread(stages),
         "path_ms": _spread(path),
+        "answer_ms": _answer_times(run),
     }
+
+
+def _answer_times(run: Run) -> dict[str, float]:
+    """Returns how long the ego takes to answer a step after step 0 [ms]: median, 99th percentile, longest.
+
+    In the graph this is from the step's publication until the bridge has the answer, in process the ego's compute time.
+    Empty without answers, or if an earlier version recorded the graph.
+    """
+    if bridge := run.marks.get(BRIDGE):
+        seconds = {step: at["ego"] - at["shown"] for step, at in bridge.items() if {"ego", "shown"} <= at.keys()}
+    else:
+        seconds = dict(run.timing.get(EGO, {}))
+    ms = 1e3 * np.array([took for step, took in seconds.items() if step > 0])
+    if not len(ms):
+        return {}
+    return {"median": float(np.median(ms)), "p99": float(np.percentile(ms, 99)), "max": float(ms.max())}
+
+
+def pace_text(metrics: Metrics) -> str:
+    """Returns a sentence if one in a hundred answers of the ego takes longer than a step; empty otherwise."""
+    slowest = figure_at("timing.answer_ms.p99")(metrics)
+    if slowest is None or slowest <= STEP_MS:
+        return ""
+    return f"too slow for {1e3 / STEP_MS:g} Hz: one in 100 answers of the ego takes {slowest:.0f} ms or longer"
 
 
 def _spread(seconds: dict[str, list[float]]) -> dict[str, dict[str, float]]:
@@ -82,6 +122,8 @@ def step_path(step: int, marks: Marks) -> dict[str, float]:
 
 
 SPREAD = tuple(f"{ANY_KEY}.{name}" for name in ("min", "median", "max"))
+ANSWER = ("median", "p99", "max")
+SLOWEST = (Row("ego_answer_p99_ms", largest, Table.EGO, "ego: time to answer, p99", key="p99"),)
 NOT_SHOWN = (Row(over=mean, table=Table.NONE),)
 MEASURES = family(
     "wall time; simulated time over it",
@@ -91,4 +133,8 @@ MEASURES = family(
     "process and with `replay`)",
     Measure("timing.stage_ms", timing, unit="ms", keys=SPREAD),
     Measure("timing.path_ms", timing, unit="ms", keys=SPREAD),
+    "median, 99th percentile, longest time from the publication of a step until the bridge has the ego's answer, with "
+    "the bridge's own work meanwhile; in process the ego's compute time; without step 0 and missed answers (empty if a "
+    "record of the graph by an earlier version does not tell)",
+    Measure("timing.answer_ms", timing, "ego: time to answer, {}", "ms", LOWER, keys=ANSWER, rows=SLOWEST),
 )

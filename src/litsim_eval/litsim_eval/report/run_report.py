@@ -11,6 +11,7 @@ from markupsafe import Markup
 from pydantic import ValidationError
 
 from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.analysis.timing import pace_text
 from litsim_eval.report.content import pack_run
 from litsim_eval.report.events import contact_table, takeover_table
 from litsim_eval.report.forecasts import read_forecasts
@@ -69,13 +70,21 @@ def render(run: Run, metrics: dict[str, Any], verdict: str = "") -> str:
         metrics=metrics,
         takeovers=takeover_table(metrics["ledger"], info.dt, info.ego_id),
         contacts=contact_table(metrics, info.dt, info.ego_id),
-        measures=[*measured(metrics), ("lock-step", lockstep_text(metrics["lockstep"]))],
+        measures=list(_measures(metrics)),
         every_measure={name: value for name, value in metrics.items() if name != "ledger"},
         what_was_run=_what_was_run(run),
         scenario_yaml=run.scenario_yaml.strip(),
         footnote=f"Everything on this page comes from {run.path.name}{beside}.{thinned}",
         data=data,
     )
+
+
+def _measures(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yields title and text of what the page tells of a run."""
+    yield from measured(metrics)
+    if slow := pace_text(metrics):
+        yield "pace", slow
+    yield "lock-step", lockstep_text(metrics["lockstep"])
 
 
 def _packed(run: Run, metrics: dict[str, Any]) -> tuple[str, int]:

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from litsim_eval.analysis.standoff import standoff_text
+from litsim_eval.analysis.timing import pace_text
 from litsim_eval.report.wording import lockstep_text, measured
 from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import STEP_S
@@ -96,6 +97,8 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "ended", NOTHING if end is None else f"at {metrics['ended']['time_s']:.1f} s: {end.sentence}"
     yield from measured(metrics)
     yield from (("standoff", standoff_text(each)) for each in metrics.get("standoffs", []))
+    if slow := pace_text(metrics):
+        yield "pace", slow
     yield "lock-step", lockstep_text(metrics["lockstep"])
     stages = (f"{stage} {t['median']:.1f}/{t['max']:.1f}" for stage, t in metrics["timing"]["stage_ms"].items())
     yield "stages, median/max ms", ", ".join(stages) or NOTHING

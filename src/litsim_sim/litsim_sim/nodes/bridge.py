@@ -172,7 +172,7 @@ class Bridge:
         while True:
             patience = RESEND_FIRST if step == 0 else max(RESEND, SLACK * self._longest)
             until = min(give_up, time.perf_counter() + patience)
-            if node.serve_until(lambda: not responses.missing, until):
+            if node.serve_until(self._is_answered, until):
                 self._marks.setdefault("answered", time.perf_counter())
                 if self._external and step > 0:  # it may have been started late for step 0
                     self._longest = max(self._longest, self._marks["answered"] - shown)
@@ -190,6 +190,12 @@ class Bridge:
             if over or not behind:
                 responses.ask()
                 node.show_again()
+
+    def _is_answered(self) -> bool:
+        """Returns whether all answers to the present step are there; marks when that of the ego is."""
+        if not self._port.missing:
+            self._marks.setdefault("ego", time.perf_counter())
+        return not self._responses.missing
 
     def _report_missing(self, step: int) -> None:
         """Report missing answers; the stages repeat their timings, which show which one is silent."""
