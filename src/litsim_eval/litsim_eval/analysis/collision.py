@@ -44,7 +44,7 @@ class Contact:
 def contacts(tables: Iterable[AgentTable], dt: float) -> list[Contact]:
     """Returns the contacts in `tables`, ascending steps of `dt` [s], sorted by first step.
 
-    Touching edges do not count, nor do contacts among pedestrians and cyclists, which always follow the recording.
+    Touching edges do not count, nor do contacts among pedestrians and cyclists, who do not react to each other.
     """
     return list(Steps.of(tables).once(_contacts_in, dt))
 

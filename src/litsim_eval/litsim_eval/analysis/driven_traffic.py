@@ -134,7 +134,9 @@ def traffic(steps: Steps, lane_map: LaneMap | None, *, driven: bool = False) -> 
         lead = max(0, begin - LEAD)
         part = steps.part(lead, end)
         table = part.stacked
-        judged = table.of_policy if driven else ~table.obstacle
+        judged = ~table.obstacle
+        if driven:
+            judged &= table.of_policy
         present.update(table.id[judged & (table.number >= begin - lead)].tolist())
         rows = np.flatnonzero(judged & (table.number >= begin - lead) & ((lead + table.number) % SAMPLE == 0))
         for name, samples in (_behind(table, rows) | _over_time(part, rows, judged)).items():

@@ -58,13 +58,14 @@ def _lengths(steps: Steps, log: Steps) -> FloatArray:
 
 
 def _off_road_controlled(run: Run) -> float | None:
-    """Returns the share of agent-steps under control with the box centre on no lane; None without any, or a net."""
+    """Returns the share of vehicles' steps under control with the box centre on no lane; None without any, or a net."""
     lane_map, off_road = lane_map_of(run), np.empty(0, np.bool_)
     if lane_map is None:
         return None
     for part in run.simulated.parts():
         table = part.stacked
-        x, y = table.x[table.of_policy], table.y[table.of_policy]
+        driven = table.of_policy & ~table.obstacle
+        x, y = table.x[driven], table.y[driven]
         off_road = np.append(off_road, ~lane_map.inside_road(x, y))
     return mean_of(off_road)
 
@@ -86,7 +87,7 @@ def _replay_error(run: Run) -> float | None:
 
 OFF_ROAD, LARGEST = (Row("off_road", mean, of_control=True),), (Row(over=largest, table=Table.NONE),)
 MEASURES = family(
-    "share of the agent-steps under control at which the box centre is on no lane; `null` if there are none",
+    "share of the steps of vehicles under control at which the box centre is on no lane; `null` if there are none",
     Share("off_road_controlled", _off_road_controlled, "off road, controlled", "", LOWER, rows=OFF_ROAD),
     "largest displacement of an agent that was never under control",
     Measure("replay_error_max_m", _replay_error, "", "m", LOWER, rows=LARGEST),

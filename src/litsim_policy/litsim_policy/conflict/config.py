@@ -68,6 +68,8 @@ class ConflictConfig:
             with that lag; catch_up: to the present position of the log; at_once: likewise, but without a way there:
             the agent is released as soon as it is handed back.
         passing: whether agents behind a permanently slow one pass.
+        walkers: whether walkers and cyclists stop before vehicles off their logs that are in their way, and go on
+            later, with a lag: with hand-back `time_shift`, and policies that drive them, `litsim` and `yield`.
     """
 
     horizon: Horizon = 3.0
@@ -90,6 +92,7 @@ class ConflictConfig:
     clear_steps: NonNegative[Steps] = 5
     handback: Literal["time_shift", "catch_up", "at_once"] = "time_shift"
     passing: Flag = True
+    walkers: Flag = True
 
     @model_validator(mode="after")
     def _check(self) -> ConflictConfig:

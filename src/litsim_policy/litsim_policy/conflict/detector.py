@@ -97,7 +97,8 @@ class ConflictDetector:
         A log that lags does not know who is ahead by now, such as a vehicle that changes lane in front of the agent.
         Agents `diverged` have no such conflicts, and those `barred` none with agents ahead (masks).
         """
-        mine, walking = lagged & ~diverged, futures.table.obstacle
+        walking = futures.table.obstacle
+        mine = lagged & ~diverged & ~walking
         leaders = self._conflicts_with_leaders(futures, mine & ~barred, ~diverged & ~lagged)
         return leaders, self.conflicts(futures, mine, walking) if walking.any() else []
 

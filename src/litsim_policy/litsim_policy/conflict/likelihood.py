@@ -109,7 +109,7 @@ class LogLikelihood:
 
         They are judged behind leaders that are not where they were recorded; those with a lag behind any.
         """
-        as_recorded = self._as_recorded(table)
+        recorded = as_recorded(self.log, table)
         row = judged.nonzero()[0]
         log_row = self.log.ids.searchsorted(table.id[row])
         step = np.minimum(table.step - lag[row], self.log.last_step[log_row])
@@ -117,18 +117,10 @@ class LogLikelihood:
         row, log_row, step = row[logged], log_row[logged], step[logged]
         which = Judged(row, log_row, step, lag[row] > 0, table.off_log[row])
         agents = table.arrays._replace(acceleration=self._accelerations(table))
-        off_record = (table.off_log & ~as_recorded).nonzero()[0]
+        off_record = (table.off_log & ~recorded).nonzero()[0]
         habits = self._habits
         ratio, leader = _log_ratios(which, agents, off_record, habits.columns, habits.seen, self.density)
-        return LogRatios(ratio, leader, lag, as_recorded)
-
-    def _as_recorded(self, table: AgentTable) -> BoolArray:
-        """Returns the mask (n,) of agents that are where their logs are at this step, without a lag."""
-        log = self.log
-        place = log.ids.searchsorted(table.id), min(table.step, log.steps - 1)
-        apart = np.hypot(table.x - log.x[place], table.y - log.y[place])
-        near = (apart <= SAME_POSITION) & (np.abs(table.speed - log.speed[place]) <= SAME_SPEED)
-        return np.asarray(near & log.valid[place] & (table.step < log.steps))
+        return LogRatios(ratio, leader, lag, recorded)
 
     def _accelerations(self, table: AgentTable) -> FloatArray:
         """Returns accelerations (n,) [m/s2] over the last BACK steps; those of the step where an agent is new."""
@@ -138,6 +130,14 @@ class LogLikelihood:
         if elapsed > 0.0:
             acceleration[seen] = (table.speed[seen] - before.speed[rows[seen]]) / elapsed
         return acceleration
+
+
+def as_recorded(log: Log, table: AgentTable) -> BoolArray:
+    """Returns the mask (n,) of agents that are where their logs are at this step, without a lag."""
+    place = log.ids.searchsorted(table.id), min(table.step, log.steps - 1)
+    apart = np.hypot(table.x - log.x[place], table.y - log.y[place])
+    near = (apart <= SAME_POSITION) & (np.abs(table.speed - log.speed[place]) <= SAME_SPEED)
+    return np.asarray(near & log.valid[place] & (table.step < log.steps))
 
 
 def unlikely_logs(ratios: LogRatios, table: AgentTable, log: Log, which: BoolArray) -> list[Conflict]:

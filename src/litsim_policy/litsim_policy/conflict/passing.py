@@ -52,7 +52,8 @@ class Passing:
         One that is handed back and begins to pass is HELD again.
         """
         agents, table = now.agents, now.table
-        agents.slowed[:] = np.where(now.speed < now.log_speed - SLOWER, agents.slowed + 1, 0)
+        slowed = (now.speed < now.log_speed - SLOWER) & ~table.obstacle[now.rows]  # walkers and cyclists keep no lanes
+        agents.slowed[:] = np.where(slowed, agents.slowed + 1, 0)
         self._stay_beside(now)
         self._give_up(now)
         waits = (agents.slowed >= PATIENCE) & (table.step - agents.changed_step >= AGAIN)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.takeover import TakeoverTable
-from litsim_sim.scenario.run_info import drives_by_region
+from litsim_sim.scenario.run_info import drives_by_region, drives_walkers
 from litsim_sim.scenario.setting import Setting
 
 TakeoverStage = TakeoverManager | RegionManager
@@ -45,7 +46,7 @@ def conflict_stage(read: ParameterOverrides) -> Callable[[str, Setting], Takeove
 
     def build(policy: str, scenario: Setting) -> TakeoverStage:
         if not drives_by_region(policy):
-            return TakeoverManager(scenario, config)
+            return TakeoverManager(scenario, config if drives_walkers(policy) else replace(config, walkers=False))
         if config.baselines == "conflict":
             return ForecastTakeovers(scenario, config)
         return RegionManager(scenario, np.inf if config.baselines == "all" else config.roi_m)

@@ -13,6 +13,7 @@ from litsim_policy.conflict.futures import Futures, PlannedPaths
 from litsim_policy.conflict.likelihood import LogLikelihood, LogRatios, unlikely_logs, with_changed
 from litsim_policy.conflict.opening import by_conflict, by_late_entry
 from litsim_policy.conflict.passing import Passing
+from litsim_policy.conflict.walking import WaysAhead
 from litsim_policy.conflict.way_back import obstructed, unneeded
 from litsim_policy.motion.route import Router
 from litsim_predictor.forecast import Forecast
@@ -42,6 +43,7 @@ class TakeoverManager:
         self._scenario, self._config = scenario, config
         self._roi_m = config.roi_m or scenario.roi_m
         self._detector = ConflictDetector(scenario.log, self._roi_m, config, scenario.log_overlaps)
+        self._walkers_wait = config.walkers and config.handback == "time_shift"
         self._likelihood = LogLikelihood(scenario.log) if config.unlikely > 0.0 else None
         self._router = Router(scenario.lane_map)
         self._passing = Passing(scenario.lane_map, self._router) if config.passing else None
@@ -62,14 +64,16 @@ class TakeoverManager:
             self._diverged = self._diverged.joined(*late)
         before, lag = self._is_diverged(table), self._choose_lags(table)
         lagged = (lag > 0) & ~table.off_log
-        keep_to_log = lagged | table.obstacle
+        keep_to_log = lagged | (table.obstacle & ~table.off_log)
         planned = partial(self._planned_paths, table)
         futures = Futures(self._scenario.log, self._config, table, forecast, lag, keep_to_log, planned)
         ratios = self._judge_logs(table, lag)
-        opponents = self._take_over(futures, before, lagged, ratios) | keep_to_log
+        walking = (table.obstacle if self._walkers_wait else np.zeros(len(table), np.bool_)).nonzero()[0]
+        ways = WaysAhead.of(self._scenario.log, table, walking, lag[walking])
+        opponents = self._take_over(futures, before, lagged, ratios, ways) | keep_to_log
         self._diverged.log_ratio = ratios.ratio[table.rows(self._diverged.agent)]
         now = DivergedNow.at(self._scenario.log, self._diverged, table, lag)
-        self._review(now, before[now.rows], futures, opponents)
+        self._review(now, before[now.rows], futures, opponents, ways)
         if self._passing is not None and len(self._diverged):
             self._passing.change_lanes(now)
         takeovers = now.report()
@@ -104,17 +108,20 @@ class TakeoverManager:
         index = among[rows].nonzero()[0]
         return PlannedPaths(rows[index], diverged.paths_of(index), diverged.detected_step[index] == table.step)
 
-    def _take_over(self, futures: Futures, before: BoolArray, lagged: BoolArray, ratios: LogRatios) -> BoolArray:
+    def _take_over(
+        self, futures: Futures, before: BoolArray, lagged: BoolArray, ratios: LogRatios, ways: WaysAhead
+    ) -> BoolArray:
         """Take over agents with confirmed conflicts; return the mask (n,) of agents off their logs now, as `before`.
 
         So are agents whose logs have become unlikely, by their `ratios`. The first iteration compares with all agents
         off their logs or on `lagged` ones, each further one with those that the previous one has taken over.
-        Pedestrians and cyclists are never taken over.
+        Pedestrians and cyclists are taken over where somebody is in their `ways`, for no other reason.
         """
         table, suspected = futures.table, dict[int, int]()
-        barred = table.obstacle
+        outside = np.zeros(len(table), np.bool_)
         if self._config.region == "ego":
-            barred = barred | ~around(table, table.mask(self._scenario.ego_ids), self._roi_m)
+            outside = ~around(table, table.mask(self._scenario.ego_ids), self._roi_m)
+        barred = table.obstacle | outside
         self.iterations, done = np.zeros(len(self.iterations), np.int64), 0
         diverged, fresh = before, before | lagged
         while fresh.any() and done < ITERATIONS_MAX:
@@ -127,6 +134,7 @@ class TakeoverManager:
             if done == 1:
                 unlikely = (ratios.ratio < -self._config.unlikely) & ~previous & ~barred
                 conflicts = soonest(conflicts, unlikely_logs(ratios, table, self._scenario.log, unlikely))
+                conflicts = soonest(conflicts, ways.conflicts(table, ~previous & ~outside))
             opened = []
             for conflict in conflicts:
                 count = suspected[conflict.agent] = self._suspected.get(conflict.agent, 0) + 1
@@ -141,16 +149,19 @@ class TakeoverManager:
         self.converged[table.scene[fresh]] = False
         return diverged
 
-    def _review(self, now: DivergedNow, off_before: BoolArray, futures: Futures, opponents: BoolArray) -> None:
+    def _review(
+        self, now: DivergedNow, off_before: BoolArray, futures: Futures, opponents: BoolArray, ways: WaysAhead
+    ) -> None:
         """Move agents that were `off_before` (mask (r,)) to be off their logs before this step on to their next states.
 
-        They may be in conflict with `opponents` (mask (n,)).
+        They may be in conflict with `opponents` (mask (n,)); pedestrians and cyclists with those in their `ways`.
         """
         if not off_before.any():
             return
         mine = np.zeros(len(now.table), np.bool_)
         mine[now.rows[off_before]] = True
-        in_conflict = self._detector.still_in_conflict(futures, mine, opponents)[now.rows]
+        in_conflict = self._detector.still_in_conflict(futures, mine & ~now.table.obstacle, opponents)[now.rows]
+        in_conflict |= ways.blocked(len(now.table))[now.rows]
         in_conflict |= now.agents.log_ratio < -UNLIKELY_STILL * self._config.unlikely
         now.agents.in_conflict[off_before] = in_conflict[off_before]
         free = off_before & now.recorded & ~in_conflict
@@ -176,7 +187,8 @@ def move_on(
     held, may_end = agents.state == HELD, agents.detected_step <= least
     stays = held & ~(may_end & (clear >= np.where(passed, config.clear_steps, 2 * config.clear_steps)))
     back = (now.residual_position <= RELEASE_POSITION) & (np.abs(now.residual_speed) <= RELEASE_SPEED)
-    back = (back & (np.abs(now.residual_yaw) <= RELEASE_YAW)) | (config.handback == "at_once")
+    back &= (np.abs(now.residual_yaw) <= RELEASE_YAW) | now.table.obstacle[now.rows]  # who walks turns on the spot
+    back = back | (config.handback == "at_once")
     state = np.where(~free | stays, HELD, np.where(back & ~held, RELEASED, HANDBACK))
     state[needless & may_end] = RELEASED
     agents.clear[off_before], agents.state[off_before] = clear[off_before], state[off_before]

@@ -22,10 +22,13 @@ class Policy(Configured, ABC):
             baselines of the paper do. Otherwise it drives those with a predicted conflict, until that is past.
         batched: whether it also drives the agents of several scenes at once, which must not react to each other (see
             `AgentTable.scene`), so that campaigns step several runs together.
+        drives_walkers: whether it also drives walkers and cyclists whose way is blocked; otherwise they follow their
+            logs.
     """
 
     by_region: ClassVar[bool] = False
     batched: ClassVar[bool] = False
+    drives_walkers: ClassVar[bool] = False
 
     @abstractmethod
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:

@@ -82,10 +82,11 @@ class PolicyC(Policy):
     """The policy called `litsim`: agents that are held drive on as their logs do, or as a network says.
 
     Whatever drives them, agents follow others as people do, keep to the rules and stop at red lights. Agents that pass
-    or return are driven by policy `yield`; passing ones behind the same safety layer.
+    or return, walkers and cyclists are driven by policy `yield`; passing ones behind the same safety layer.
     """
 
     batched = True
+    drives_walkers = True
 
     @classmethod
     def read(cls, read: ParameterOverrides) -> Callable[[Setting], Policy]:
@@ -108,12 +109,13 @@ class PolicyC(Policy):
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Returns controls of every agent that is held or handed back."""
-        held = [t for t in takeovers.takeovers if t.state == TakeoverState.HELD]
+        walking = set(table.id[table.obstacle].tolist())
+        held = [t for t in takeovers.takeovers if t.state == TakeoverState.HELD and t.agent not in walking]
         passing = [t for t in held if t.path_source == PathSource.LANE]
         keeping = [t for t in held if t.path_source != PathSource.LANE]
-        returning = [t for t in takeovers.takeovers if t.state != TakeoverState.HELD]
+        by_rules = [t for t in takeovers.takeovers if t.state != TakeoverState.HELD or t.agent in walking]
         return ControlTable.merged(
-            self._keep(table, keeping), self._by_rules(table, returning), self._pass(table, passing)
+            self._keep(table, keeping), self._by_rules(table, by_rules), self._pass(table, passing)
         )
 
     def _keep(self, table: AgentTable, keeping: Sequence[Takeover]) -> ControlTable:

@@ -9,7 +9,8 @@ import numpy as np
 from litsim_policy.driving.handback import COMFORTABLE, SPEED_EXCESS, along_log
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.safety.following import braking_needed
-from litsim_policy.driving.task import opponent_of
+from litsim_policy.driving.task import lag_of, opponent_of
+from litsim_policy.driving.walking import walk
 from litsim_policy.driving.yielding_rules import give_way, side_is_taken, wait_for_crossing
 from litsim_policy.motion.car_following import idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
@@ -34,6 +35,7 @@ class YieldPolicy(Policy):
     """The policy called `yield`."""
 
     batched = True
+    drives_walkers = True
 
     def __init__(self, scenario: Setting) -> None:
         self._log: Log = scenario.log
@@ -48,14 +50,20 @@ class YieldPolicy(Policy):
             return ControlTable.empty(table.step)
         rows = table.rows(np.array([t.agent for t in listed], np.int64))
         acceleration, yaw_rate = np.zeros(len(listed)), np.zeros(len(listed))
+        walks = table.obstacle[rows]
         for which, rule in ((TakeoverState.HELD, self._hold), (TakeoverState.HANDBACK, self._hand_back)):
-            at = [k for k, t in enumerate(listed) if t.state == which]
+            at = [k for k, t in enumerate(listed) if t.state == which and not walks[k]]
             if at:
                 paths = PathBatch.of([listed[k].reference_path for k in at])
                 agents = PathFollowers(self._lane_map, table, rows[at], paths)
                 asked = rule(agents, [listed[k] for k in at])
                 acceleration[at] = wait_for_crossing(asked, paths, agents.s, table.arrays, agents.rows, table.obstacle)
                 yaw_rate[at] = self._steer(agents)
+        at = [k for k, t in enumerate(listed) if t.state != TakeoverState.RELEASED and walks[k]]
+        if at:
+            agents = PathFollowers.of_takeovers(self._lane_map, table, [listed[k] for k in at])
+            acceleration[at] = walk(self._log, agents, np.array([lag_of(listed[k]) for k in at]))
+            yaw_rate[at] = agents.path_yaw_rate
         source = np.array([SOURCES[t.state] for t in listed], np.uint8)
         return ControlTable.without_slip(table, rows, acceleration, yaw_rate, source)
 

@@ -38,9 +38,9 @@ class Kind(IntEnum):
 
 
 OBSTACLE_KINDS = (Kind.BICYCLE, Kind.PEDESTRIAN)
-"""Kinds that do not keep to lanes and always follow their log.
+"""Kinds that do not keep to lanes and follow their logs unless a vehicle off its log blocks their way.
 
-They are never taken over, and whoever is under control yields to them.
+Vehicles under control yield to them.
 """
 
 

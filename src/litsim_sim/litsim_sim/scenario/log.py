@@ -107,7 +107,7 @@ class Log:
 
     @property
     def obstacle(self) -> BoolArray:
-        """(n,) mask of pedestrians and cyclists, which are never off their log; see :func:`is_obstacle`."""
+        """(n,) mask of pedestrians and cyclists; see :func:`is_obstacle`."""
         return is_obstacle(self.kind)
 
     @property

@@ -146,6 +146,11 @@ def drives_by_region(policy: str | type[Any]) -> bool:
     return policy != REPLAY and bool(class_of_policy(policy).by_region)
 
 
+def drives_walkers(policy: str | type[Any]) -> bool:
+    """Returns whether the policy also drives walkers and cyclists whose way is blocked."""
+    return policy != REPLAY and bool(class_of_policy(policy).drives_walkers)
+
+
 def class_of_policy(policy: str | type[Any]) -> type[Any]:
     """Returns the class of the installed policy of that name; a class of policies itself.
 

@@ -1,4 +1,4 @@
-"""One step of the vehicles under control: their commands, their actuators and limits, and where they leave the road."""
+"""One step of the agents under control: their commands, their actuators and limits, and where they leave the road."""
 
 from __future__ import annotations
 
@@ -28,13 +28,10 @@ POLICY, EGO, LATE = int(Controller.POLICY), int(Controller.EGO), int(ControlSour
 BACKGROUND = VehicleLimits()  # of all vehicles but the egos, whose model is the scenario's
 
 
-def check_answers(
-    step: int, ego_ids: IntArray, controls: ControlTable, egos: Sequence[EgoCommand], table: AgentTable
-) -> None:
-    """Raise ValueError if the answers to a step, whose agents are in `table`, cannot be applied.
+def check_answers(step: int, ego_ids: IntArray, controls: ControlTable, egos: Sequence[EgoCommand]) -> None:
+    """Raise ValueError if the answers to a step cannot be applied.
 
-    They answer another step or hold non-finite values, or the ids of `controls` do not ascend, list an ego, or list
-    a pedestrian or cyclist, which follow logs.
+    They answer another step or hold non-finite values, or the ids of `controls` do not ascend or list an ego.
     """
     for ego in egos:
         if controls.step != step or ego.step != step:
@@ -47,10 +44,6 @@ def check_answers(
         raise ValueError(f"ids of the controls at step {step} do not ascend: {controls.id.tolist()}")
     for ego_id in ego_ids[index_of(controls.id, ego_ids) >= 0].tolist():
         raise ValueError(f"controls at step {step} list the ego, {ego_id}, which has a port of its own")
-    walking = table.id[table.obstacle]
-    if len(walking) and np.isin(controls.id, walking).any():
-        listed = controls.id[np.isin(controls.id, walking)].tolist()
-        raise ValueError(f"controls at step {step} list pedestrians or cyclists, {listed}, which follow their log")
 
 
 @kernel

@@ -81,7 +81,7 @@ class World:
         """Like :meth:`step`, with one answer for the ego of each scene, in the order of the scenes."""
         self.catch_up()
         table, step = self._table, self._table.step
-        check_answers(step, self._ego_ids, controls, egos, table)
+        check_answers(step, self._ego_ids, controls, egos)
         controls = self._actors.overrule(table, controls)
         driving = [
             ego if driven and ego.mode == EgoMode.CONTROL else None
