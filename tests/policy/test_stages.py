@@ -84,7 +84,7 @@ def test_parameters_of_every_stage_are_taken() -> None:
             "bridge",
             "ego",
             "ghost",
-            "bridge: parameter ego is 'ghost', expected one of bat, idm, log, perturbed, track, external",
+            "bridge: parameter ego is 'ghost', expected one of bat, idm, log, onnx, perturbed, track, external",
         ),
         ("bridge", "vehicle.delay_s", 0.25, "bridge: parameter vehicle.delay_s is 0.25, expected a multiple of 0.1 s"),
         ("recorder", "overwrite", 1, "recorder: parameter overwrite is 1, expected true or false"),
@@ -98,5 +98,7 @@ def test_what_cannot_be_is_said(stage: str, name: str, value: Any, said: str) ->
 def test_a_stage_that_no_package_has() -> None:
     with pytest.raises(InputError, match="no installed package has a stage ghost"):
         configured(("ghost",), {})
-    with pytest.raises(InputError, match="no installed package has ghost; expected bat, idm, log, perturbed, track"):
+    with pytest.raises(
+        InputError, match="no installed package has ghost; expected bat, idm, log, onnx, perturbed, track"
+    ):
         configured(("ego",), {}, "ghost")

@@ -41,10 +41,11 @@ def test_together_runs_are_what_they_are_alone(encounter: Encounter) -> None:
     assert all(same(driven(each).track, driven(alone).track) for each in together)  # idm draws nothing
 
 
-def test_each_driver_has_its_own_seed(encounter: Encounter) -> None:
+def test_each_driver_is_a_draw_of_its_own(encounter: Encounter) -> None:
     task = Task([encounter], [Setup("idm", "idm")], drivers=2)
-    seeds = [task.plan(Run(0, 0, k)).scenario.seed for k in range(2)]
-    assert seeds == [encounter.scenario.seed, encounter.scenario.seed + 1]
+    first, second = (task.plan(Run(0, 0, k)).scenario for k in range(2))
+    assert (first.identities == encounter.scenario.identities).all() and first.seed == second.seed
+    assert (first.identities[:, 0] != second.identities[:, 0]).all()
 
 
 def test_processes_drive_every_run_once(encounter: Encounter) -> None:

@@ -106,7 +106,7 @@ class HeldEnvironment(ParallelEnv):
             dict.fromkeys(self.agents, 0.0) | dict(zip(names, reward, strict=True)),
             terminated,
             truncated,
-            self._infos(before | self._names),
+            self._infos(before) | self._infos(self._names),  # one taken over again has a new name
         )
 
     def _go_on(self) -> None:
