@@ -1,7 +1,7 @@
 # The commands that people type. `make` alone lists them.
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
-.PHONY: help setup setup-all build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture lint-figures architecture format bench api lock audit sbom soak clean distclean
+.PHONY: help setup setup-all build demo test test-fast lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture lint-figures architecture format bench api lock audit sbom soak clean distclean
 
 # Choices, also taken from the environment; see tools/bootstrap.sh --help.
 PYTHON ?=
@@ -38,6 +38,8 @@ demo: build ## the embedded scenario, closed loop: the ego brakes, drives on; le
 # Each process reads all tests: half of that time goes into their assertions, where no bytecode of them is kept.
 test: setup-all build ## every test, in JOBS processes; prints the slowest
 	PYTHONDONTWRITEBYTECODE= ./litsim exec python -m pytest -n $(JOBS) --dist worksteal --durations=20 $(ARGS)
+test-fast: setup-all build ## the quick tests: no graph, browser, training or campaign (tests/slow.txt)
+	PYTHONDONTWRITEBYTECODE= ./litsim exec python -m pytest --fast -n $(shell nproc) --dist worksteal $(ARGS)
 test-%: setup-all build
 	PYTHONDONTWRITEBYTECODE= ./litsim exec python -m pytest -n $(JOBS) --dist worksteal tests/$* $(ARGS)
 

@@ -50,6 +50,8 @@ for points in plugins._entry_points().values():
 settings.register_profile("litsim", settings(), deadline=None)
 settings.load_profile("litsim")
 
+SLOW = {Path(__file__).parent / line for line in Path(__file__).with_name("slow.txt").read_text().split()}
+"""Folders, and files whose tests together take a core for a second or more."""
 LANE_CENTRES = tuple(-3.66 * (lane + 0.5) for lane in range(5))
 """y of the through lanes of the packaged net us101_like, leftmost first [m]; they run along +x from 0 to 640 m."""
 
@@ -118,6 +120,16 @@ class Track:
             "lane": -1,
         }
         return pd.DataFrame(values)[list(COLUMNS)]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Adds the option of `make test-fast`."""
+    parser.addoption("--fast", action="store_true", help="without the files and folders of tests/slow.txt")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leaves out slow tests where only fast ones are asked for."""
+    return True if config.getoption("--fast") and collection_path in SLOW else None
 
 
 @pytest.hookimpl(trylast=True)  # once those of the graph are marked
