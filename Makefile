@@ -39,7 +39,7 @@ demo: build ## the embedded scenario, closed loop: the ego brakes, drives on; le
 test: setup-all build ## every test, in JOBS processes; prints the slowest
 	PYTHONDONTWRITEBYTECODE= ./litsim exec python -m pytest -n $(JOBS) --dist worksteal --durations=20 $(ARGS)
 test-fast: setup-all build ## the quick tests: no graph, browser, training or campaign (tests/slow.txt)
-	PYTHONDONTWRITEBYTECODE= ./litsim exec python -m pytest --fast -n $(shell nproc) --dist worksteal $(ARGS)
+	PYTHONDONTWRITEBYTECODE= ./litsim exec python -m pytest --fast -n $(JOBS) --dist worksteal $(ARGS)
 test-%: setup-all build
 	PYTHONDONTWRITEBYTECODE= ./litsim exec python -m pytest -n $(JOBS) --dist worksteal tests/$* $(ARGS)
 
