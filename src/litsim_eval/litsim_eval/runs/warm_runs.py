@@ -6,7 +6,6 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -75,10 +74,7 @@ class WarmRuns:
             if self._idle:
                 return self._idle.pop()
             preload(PRELOADED)
-            ours, theirs = Pipe()
-            process = start_preloaded(_serve_warm, theirs)
-            theirs.close()  # so that the end of the process closes the pipe
-            self._all.append(Worker(process, ours))
+            self._all.append(Worker.started(start_preloaded, _serve_warm))
             return self._all[-1]
 
 

@@ -28,6 +28,14 @@ class Worker:
     process: BaseProcess
     pipe: Connection
 
+    @classmethod
+    def started(cls, start: Callable[..., BaseProcess], main: Callable[[Connection], None]) -> Worker:
+        """Returns a worker whose process `start` makes, with `main` as its main function."""
+        ours, theirs = Pipe()
+        process = start(main, theirs)
+        theirs.close()  # so that the end of the process closes the pipe
+        return cls(process, ours)
+
 
 class Workers:
     """One process for each thread that runs cases; a context manager.
@@ -111,10 +119,7 @@ class Workers:
 
     def _started(self, start: Callable[..., BaseProcess]) -> Worker:
         """Returns a new process."""
-        ours, theirs = Pipe()
-        process = start(_serve, theirs)
-        theirs.close()  # so that the end of the process closes the pipe
-        self._all.append(Worker(process, ours))
+        self._all.append(Worker.started(start, _serve))
         return self._all[-1]
 
 

@@ -17,7 +17,7 @@ HALF_LANE = 1.75  # [m] from the centre line of its lane, up to which a vehicle 
 
 def logged_edges(log: Log, lane_map: LaneMap, agent: int) -> set[str]:
     """Returns the edges that the log of `agent` takes."""
-    return {lane_map.lanes[lane].edge_id for lane in np.unique(_logged_lanes(log, lane_map, agent))}
+    return _edges(lane_map, _logged_lanes(log, lane_map, agent))
 
 
 def lanes_ahead(lane_map: LaneMap, pose: FloatArray, length: float, edges: Collection[str]) -> FloatArray:
@@ -36,12 +36,18 @@ def ego_route(scenario: Scenario, length: float) -> FloatArray:
     It begins where the ego is at step 0; if the ego changes lanes in the history, where it is when that is over.
     """
     log, lane_map, row = scenario.log, scenario.lane_map, scenario.log.row(scenario.ego_id)
-    end = lane_map.road_ahead(int(_logged_lanes(log, lane_map, scenario.ego_id)[-1]))[0]  # of a log within a junction
-    edges = logged_edges(log, lane_map, scenario.ego_id) | (set() if end is None else {lane_map.lanes[end].edge_id})
+    lanes = _logged_lanes(log, lane_map, scenario.ego_id)
+    end = lane_map.road_ahead(int(lanes[-1]))[0]  # of a log within a junction
+    edges = _edges(lane_map, lanes) | (set() if end is None else {lane_map.lanes[end].edge_id})
     poses = np.column_stack([log.x[row], log.y[row], log.yaw[row]])[[0, scenario.history_steps]]
     route = lanes_ahead(lane_map, poses[0], length, edges)
     changed = shapely.LineString(route).distance(shapely.Point(poses[1, :2])) > HALF_LANE
     return lanes_ahead(lane_map, poses[1], length, edges) if changed else route
+
+
+def _edges(lane_map: LaneMap, lanes: IntArray) -> set[str]:
+    """Returns the edges of the lanes at the positions `lanes` (m,)."""
+    return {lane_map.lanes[lane].edge_id for lane in np.unique(lanes)}
 
 
 def _logged_lanes(log: Log, lane_map: LaneMap, agent: int) -> IntArray:
