@@ -36,7 +36,7 @@ class AutowareNode(Node):
     """
 
     def __init__(self, profile: Profile, goal: tuple[float, float, float] | None = None) -> None:
-        """Make it; `goal` is a pose of the box centre [m, m, rad], by default that of the ego's log at its end."""
+        """Make the node; `goal` is a pose of the box centre [m, m, rad], by default the last pose of the ego's log."""
         super().__init__(NODE)
         self._goal, self.finished = goal, False
         self._run: AnnouncedRun | None = None

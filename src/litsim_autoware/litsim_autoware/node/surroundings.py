@@ -85,7 +85,7 @@ class Surroundings:
             self._cloud.publish(CLOCK_MESSAGE.data(stamped(stamp_ns)) + self._empty_cloud)
 
     def _forecast_for(self, step: int) -> Forecast | None:
-        """The forecast whose paths the objects of a step have: that of the step before, or an earlier one."""
+        """The forecast that gives the objects of a step their paths: the newest forecast of an earlier step."""
         return next((forecast for forecast in reversed(self.forecasts) if forecast.step < step), None)
 
 

@@ -35,7 +35,7 @@ CONTROL_MODE_REQUEST = "/control/control_mode_request"
 
 
 class VehicleState:
-    """What the stack has commanded of the vehicle but its motion; a command of zero is none.
+    """Commands of the stack to the vehicle other than its motion; a command of zero counts as no command.
 
     Attributes:
         reports: values of Autoware's reports, by the name of the status topic.

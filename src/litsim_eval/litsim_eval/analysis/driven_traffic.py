@@ -229,9 +229,9 @@ WHOSE = {"driven": "driven", "same_log": "of their logs", "log": "of all logs"}
 
 
 def _drivers(name: str, title: str = "", unit: str = "", over: str = "", **more: Any) -> list[Measure]:
-    """Returns a measure of how vehicles drive, by whose driving; its title names that of the driven ones.
+    """Returns three measures of one quantity: of driven vehicles, which has the title, of their logs and of all logs.
 
-    Over runs it is the mean over all that `over` counts of all of them, or without that the median of the runs' values.
+    Over runs, a measure is the mean over all that `over` counts in these runs; without `over`, the median of the runs.
     """
     made = []
     for whose, named in WHOSE.items():

@@ -21,7 +21,7 @@ from litsim_sim.core.scene import STEP_S
 DIGITS = 5  # significant digits of numbers on the page
 SHOWN = 5
 FIRST = (Table.EGO, Table.SIMULATION)
-"""Tables whose measures that of the runs shows after those of criteria: the first :data:`SHOWN` that differ."""
+"""The table of runs shows, after criteria, the first :data:`SHOWN` measures of these tables that differ."""
 LINK = re.compile(r"\[([^]]*)\]\([^)]*\)")
 TOO_FINE = ("timing.stage_ms.", "timing.path_ms.", "lockstep.missed_by_topic.", "lockstep.ego_port.")
 """Branches of the measures that are left out, as their fields differ from run to run."""

@@ -67,7 +67,7 @@ def print_summary(
 
 
 def print_drawn(cases: Sequence[DrawnCase], most: int, console: Console) -> None:
-    """Prints with what probability the first `most` of `cases` fail, of those that fail with any driver."""
+    """Prints the probability of failure of the first `most` of the `cases` that fail with any driver."""
     failing = [case for case in cases if case.failed]
     table = Table("fails with", "P(fail) %", "case", box=SIMPLE_HEAD, pad_edge=False)
     for case in failing[:most]:
