@@ -9,8 +9,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from litsim_eval.analysis.progress import distance_of, mean_progress
+from litsim_eval.analysis.progress import beside_logged_way, distance_of, mean_progress
 from litsim_sim.core.scene import AgentTable
+from litsim_sim.core.steps import Steps
 
 
 @pytest.fixture
@@ -68,3 +69,13 @@ def test_who_is_held_back_at_his_entry_makes_no_progress_there(agent_table: Call
     assert mean_progress(late, log) == pytest.approx((20.0 + 5.0 + 20.0) / 3)
     assert mean_progress(never, log) == pytest.approx(40.0 / 3)
     assert mean_progress(never[:11], log) == pytest.approx(20.0 / 3), "a run that is over earlier"
+
+
+def test_the_logged_way_is_road_where_the_map_ends(agent_table: Callable[..., AgentTable]) -> None:
+    log = Steps.of(log_of(agent_table, 20))
+    assert beside_logged_way(log, 2, np.array([3.5, 10.0, 24.0]), np.array([10.0, 11.5, 13.0])).tolist() == [
+        0.0,
+        1.5,
+        5.0,
+    ]
+    assert beside_logged_way(Steps.of(log_of(agent_table, 0)), 2, np.array([3.0]), np.array([14.0])).tolist() == [5.0]

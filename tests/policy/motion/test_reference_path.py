@@ -14,13 +14,16 @@ from litsim_policy.motion.reference_path import (
     ReferencePath,
     lane_path,
     logged_path,
+    onto_lane,
     pursuit_reach,
     pursuit_yaw_rate,
     route_path,
 )
 from litsim_sim.core.dynamics import Motion, VehicleLimits, bicycle_step
 from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.batched import BatchedScenario
+from litsim_sim.scenario.scenario import packaged
 
 
 @st.composite
@@ -174,3 +177,11 @@ def test_a_logged_path_is_made_once_for_all_runs_of_a_log_alone_or_joined(make_s
     first = logged_path(joined.log, lanes, joined.agent(0, 4))
     assert first is logged_path(other.log, lanes, 4)
     assert first is not logged_path(scenario.log, lanes, 4)
+
+
+def test_a_path_that_has_left_the_map_goes_straight_on(lane_centres) -> None:
+    lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
+    beyond = onto_lane(lane_map, np.array([100.0, lane_centres[1] + 60.0]), 0.5)
+    assert np.hypot(*beyond[0] - [100.0, lane_centres[1] + 60.0]) == pytest.approx(3.0 * SPACING)
+    steps = np.diff(beyond, axis=0)
+    assert np.arctan2(steps[:, 1], steps[:, 0]) == pytest.approx(np.full(len(steps), 0.5))

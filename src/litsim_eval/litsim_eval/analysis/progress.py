@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
+import shapely
 
 from litsim_eval.analysis.collision import collisions
 from litsim_eval.analysis.displacement import displacements
-from litsim_eval.analysis.measure import LOWER, MEAN, Measure, Row, Share, Table, family, largest, mean, mean_of
+from litsim_eval.analysis.measure import LOWER, MEAN, Measure, Row, Share, Table, family, largest, mean
 from litsim_sim.core.scene import AgentTable, FloatArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import Run
+
+ON_WAY = 1.0  # [m] beside the recorded way of an agent up to which it is on its road, where the map has ended
 
 
 def distance_of(tables: Sequence[AgentTable], agent: int, last: int | None = None) -> float | None:
@@ -58,16 +61,26 @@ def _lengths(steps: Steps, log: Steps) -> FloatArray:
 
 
 def _off_road_controlled(run: Run) -> float | None:
-    """Returns the share of vehicles' steps under control with the box centre on no lane; None without any, or a net."""
-    lane_map, off_road = lane_map_of(run), np.empty(0, np.bool_)
+    """Returns the share of vehicles' steps under control off the road; None without any such step, or a net."""
+    lane_map = lane_map_of(run)
     if lane_map is None:
         return None
+    driven, off_road = 0, 0
     for part in run.simulated.parts():
         table = part.stacked
-        driven = table.of_policy & ~table.obstacle
-        x, y = table.x[driven], table.y[driven]
-        off_road = np.append(off_road, ~lane_map.inside_road(x, y))
-    return mean_of(off_road)
+        rows = (table.of_policy & ~table.obstacle).nonzero()[0]
+        driven, rows = driven + len(rows), rows[~lane_map.inside_road(table.x[rows], table.y[rows])]
+        for agent in np.unique(table.id[rows]).tolist():
+            own = rows[table.id[rows] == agent]
+            off_road += int(np.sum(beside_logged_way(run.logged, agent, table.x[own], table.y[own]) > ON_WAY))
+    return off_road / driven if driven else None
+
+
+def beside_logged_way(log: Steps, agent: int, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Returns how far points (n,) [m] are from the way (n,) [m] that `agent` takes in the log."""
+    rows = log.track(agent)
+    way = np.column_stack([log.stacked.x[rows], log.stacked.y[rows]])
+    return np.asarray(shapely.distance(shapely.points(x, y), shapely.linestrings(np.append(way, way[-1:], axis=0))))
 
 
 def _driven(run: Run, agents: Collection[int] | None = None) -> float | None:
@@ -87,7 +100,8 @@ def _replay_error(run: Run) -> float | None:
 
 OFF_ROAD, LARGEST = (Row("off_road", mean, of_control=True),), (Row(over=largest, table=Table.NONE),)
 MEASURES = family(
-    "share of the steps of vehicles under control at which the box centre is on no lane; `null` if there are none",
+    "share of the steps of vehicles under control at which the box centre is on no lane, and more than 1 m beside the "
+    "way that the vehicle takes in the log, which is its road where the map ends; `null` if there are none",
     Share("off_road_controlled", _off_road_controlled, "off road, controlled", "", LOWER, rows=OFF_ROAD),
     "largest displacement of an agent that was never under control",
     Measure("replay_error_max_m", _replay_error, "", "m", LOWER, rows=LARGEST),

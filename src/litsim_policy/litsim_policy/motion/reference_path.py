@@ -100,7 +100,12 @@ def _logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
 
 
 def onto_lane(lane_map: LaneMap, end: FloatArray, yaw: float) -> FloatArray:
-    """Points (m, 2) that continue a path from its `end` (2,) with heading `yaw` [rad] onto the lane's centre line."""
+    """Points (m, 2) that continue a path from its `end` (2,) with heading `yaw` [rad] onto the lane's centre line.
+
+    They go straight on if there is no lane at the end.
+    """
+    if not lane_map.inside_road(end[:1], end[1:])[0]:
+        return end + np.arange(3.0 * SPACING, BEYOND, SPACING)[:, None] * np.array([np.cos(yaw), np.sin(yaw)])
     place = lane_map.nearest(end[:1], end[1:], np.array([yaw]))
     beyond = lane_map.path_from(int(place.lane[0]), float(place.s[0]) + 3.0 * SPACING, BEYOND)
     return _shifted(beyond, float(place.d[0]))
