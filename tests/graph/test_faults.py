@@ -16,9 +16,9 @@ from typing import Any
 
 import pytest
 
-from litsim_eval.analysis.analyze import analyze
 from litsim_eval.analysis.identity import digest
 from litsim_eval.benchmark.steps import write_scenario
+from litsim_eval.report.analyze import analyze
 from litsim_eval.runs.runner import Runner, record
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from litsim_eval.analysis.analyze import analyze
+from litsim_eval.report.analyze import analyze
 from litsim_sim.ros.topics import AGENTS
 from observer import Observer
 

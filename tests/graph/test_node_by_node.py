@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from litsim_eval.analysis.analyze import analyze
+from litsim_eval.report.analyze import analyze
 from litsim_eval.runs.runner import Runner
 from litsim_sim.core.plugins import STAGES, package_of
 from litsim_sim.core.stages import EGO, POLICY

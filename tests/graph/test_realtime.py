@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from litsim_eval.analysis.analyze import analyze
+from litsim_eval.report.analyze import analyze
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run
 

@@ -14,8 +14,8 @@ import pytest
 
 import litsim_sim
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.analysis.plots import overview
 from litsim_eval.analysis.tables import series_tables
+from litsim_eval.pictures.overview import overview
 from litsim_sim.core import steps
 from litsim_sim.core.scene import AgentTable, Controller, Kind
 from litsim_sim.core.takeover import TakeoverState

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import litsim_sim
-from litsim_eval.analysis.analyze import FILES, analyze
 from litsim_eval.analysis.lockstep import problems
 from litsim_eval.analysis.metrics import compute_metrics, write_metrics
 from litsim_eval.analysis.timing import timing
 from litsim_eval.cli.analyze import main
+from litsim_eval.report.analyze import FILES, analyze
 from litsim_eval.report.terminal import print_ledger, print_metrics
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller, ControlSource, ControlTable

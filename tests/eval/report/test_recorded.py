@@ -6,8 +6,8 @@ import json
 import shutil
 from pathlib import Path
 
-from litsim_eval.analysis.analyze import FILES
 from litsim_eval.analysis.metrics import METRICS_FILE
+from litsim_eval.report.analyze import FILES
 from litsim_eval.report.recorded import RecordedAnalysis
 from litsim_eval.report.run_report import REPORT_FILE
 from litsim_eval.report.thumbnails import THUMBNAIL_FILE

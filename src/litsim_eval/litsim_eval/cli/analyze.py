@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from litsim_eval.analysis.analyze import FILES, analyze
+from litsim_eval.report.analyze import FILES, analyze
 from litsim_eval.report.terminal import print_ledger, print_metrics
 from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import RUN_STATUS_HELP, program, run_status

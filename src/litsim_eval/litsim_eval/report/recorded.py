@@ -6,10 +6,10 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from litsim_eval.analysis.analyze import measure
 from litsim_eval.analysis.metrics import METRICS_FILE, compute_metrics, write_metrics
 from litsim_eval.campaign.criteria import Criteria, Verdict
 from litsim_eval.campaign.results import judge
+from litsim_eval.report.analyze import measure
 from litsim_eval.report.run_report import REPORT_FILE, render, save, write_report
 from litsim_eval.report.terminal import print_metrics
 from litsim_eval.report.thumbnails import write_thumbnail

@@ -33,8 +33,9 @@ from litsim_data.pictures.plan_view import (
 from litsim_eval.analysis.collision import collisions
 from litsim_eval.analysis.signals import run_passages
 from litsim_eval.analysis.takeover import LedgerEntry, ledger
-from litsim_sim.core.colours import FAINT, INK, ROAD, colour_of
-from litsim_sim.core.geometry import box_corners, to_body
+from litsim_eval.pictures.bird_view import AHEAD, BEHIND, COLOURS, NAMES, View, boxes_of, draw_traffic, legend_handles
+from litsim_sim.core.colours import FAINT, INK
+from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import AgentTable, Controller, FloatArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -42,7 +43,6 @@ from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import Run
 
 SIZE_PX, DPI = (1600, 1120), 100
-AHEAD, BEHIND = 70.0, 70.0  # [m] of road around the ego in the bird's-eye view
 SAME_LANE, BESIDE = 1.8, 5.5  # [m] lateral distance up to which an agent is in the ego's lane, or in an adjacent one
 LEGEND_BELOW_PT = 36.0  # [pt] from the x axis to a legend below it: its tick labels and its name come between
 LATER = 5  # steps after a contact at which it is shown
@@ -50,16 +50,8 @@ GROUPS_MAX = 12  # signal groups that are shown, unless the ego passes more
 DRAWN_MAX = 3000  # most steps of a space-time diagram, which has fewer pixels
 ROUTE_MAX = 3000.0  # [m]
 POINTS_MAX = 10_000  # points that are geometries together
-LOG_BESIDE = -1  # kind of line next to those of the controllers: log replay in an adjacent lane
-
-NAMES = {
-    Controller.EGO: "ego",
-    Controller.POLICY: "taken over",
-    Controller.LOG: "log replay",
-}
-COLOURS = {controller: colour_of(controller) for controller in NAMES}
 DASHED = (0, (3, 2))
-PAINT = "#ffffff"
+LOG_BESIDE = -1  # kind of line next to those of the controllers: log replay in an adjacent lane
 
 
 def overview(run: Run, path: Path) -> None:
@@ -181,43 +173,26 @@ def _at(run: Run, step: int) -> tuple[AgentTable, AgentTable | None]:
 
 
 def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
-    """Draws the boxes around the ego in a frame whose x axis points along its lane."""
+    """Draws the road around the ego at a moment, and of agents off their logs their ids, paths and logged boxes."""
     table, logged = _at(run, moment.step)
-    row = table.row(run.info.ego_id)
-    x, y, yaw = (
-        (float(values[row]) if row >= 0 else float(np.median(values))) for values in (table.x, table.y, table.yaw)
-    )
-    if lane_map is not None:
-        yaw = float(lane_map.nearest(np.array([x]), np.array([y]), np.array([yaw])).heading[0])
-
-    def to_view(points: FloatArray) -> FloatArray:
-        ahead, left = to_body(points[..., 0] - x, points[..., 1] - y, np.asarray(yaw))
-        return np.stack([ahead, left], axis=-1)
-
-    low, high = (_draw_road(axes, lane_map, to_view)) if lane_map is not None else (-12.0, 12.0)
+    view = View.of_ego(table, run.info.ego_id, lane_map)
+    draw_traffic(axes, view, table, lane_map)
     for takeover in run.takeovers.get(table.step, []):
         if len(takeover.reference_path):
-            axes.plot(*to_view(takeover.reference_path).T, color=COLOURS[Controller.POLICY], lw=1.2, zorder=2)
-            goal = to_view(np.array(takeover.goal_pose[:2]))
+            axes.plot(*view.seen(takeover.reference_path).T, color=COLOURS[Controller.POLICY], lw=1.2, zorder=2)
+            goal = view.seen(np.array(takeover.goal_pose[:2]))
             axes.plot(*goal, marker="x", color=COLOURS[Controller.POLICY], ms=7, zorder=6)
     if logged is not None:
-        ghosts = logged.take(np.isin(logged.id, table.id[table.off_log]))
-        outlines = list(to_view(_boxes(ghosts)))
+        ghosts = list(view.seen(boxes_of(logged.take(np.isin(logged.id, table.id[table.off_log])))))
         dashed = {"facecolors": "none", "linestyles": DASHED, "linewidths": 1.1}
-        axes.add_collection(PolyCollection(outlines, edgecolors=INK, zorder=5, **dashed))
-    boxes = to_view(_boxes(table))
-    colours = [COLOURS[Controller(c)] for c in table.controller]
-    axes.add_collection(PolyCollection(list(boxes), edgecolors=INK, facecolors=colours, linewidths=0.7, zorder=4))
-    noses = list(boxes[:, [0, 3]])  # front left, front right
-    axes.add_collection(LineCollection(noses, colors=INK, linewidths=2.2, zorder=4))
+        axes.add_collection(PolyCollection(ghosts, edgecolors=INK, zorder=5, **dashed))
+    low, high = axes.get_ylim()
     for i in np.flatnonzero(table.off_log):
-        ahead, left = to_view(np.array([table.x[i], table.y[i]]))
+        ahead, left = view.seen(np.array([table.x[i], table.y[i]]))
         if -BEHIND < ahead < AHEAD and low < left < high:  # text beyond the axes would shrink them
             axes.text(ahead, left, str(table.id[i]), ha="center", va="center", fontsize=8, color="white", zorder=7)
-    axes.set(xlim=(-BEHIND, AHEAD), ylim=(low, high), aspect="equal", xlabel="along the road from the ego [m]")
-    axes.set_ylabel("to the left [m]")
-    shown = [c for c in COLOURS if c in table.controller]
-    handles: list[Any] = [Patch(facecolor=COLOURS[c], edgecolor=INK, label=NAMES[c]) for c in shown]
+    axes.set(xlabel="along the road from the ego [m]", ylabel="to the left [m]")
+    handles = legend_handles(np.unique(table.controller).tolist())
     handles.append(Patch(facecolor="none", edgecolor=INK, linestyle=DASHED, label="where the log has it"))
     _legend_below(axes, handles)
     _finish(axes, f"{table.step * run.info.dt:.1f} s: {moment.why}")
@@ -230,29 +205,6 @@ def _legend_below(axes: Axes, handles: list[Any]) -> None:
     anchor = axes.transAxes + ScaledTranslation(0.0, -LEGEND_BELOW_PT / 72.0, figure.dpi_scale_trans)
     place = {"loc": "upper left", "bbox_to_anchor": (0.0, 0.0), "bbox_transform": anchor, "borderaxespad": 0.0}
     axes.legend(handles=handles, ncols=5, frameon=False, fontsize=10, **place)
-
-
-def _draw_road(axes: Axes, lane_map: LaneMap, to_view: Any) -> tuple[float, float]:
-    """Draws the lanes with painted borders; returns the lower and upper limit of the view's y axis [m]."""
-    window = shapely.box(-BEHIND, -60.0, AHEAD, 60.0)
-    low, high = -6.0, 6.0
-    for lane in lane_map.lanes:
-        line = shapely.LineString(to_view(lane.centerline))
-        surface = line.buffer(0.5 * lane.width, cap_style="flat").intersection(window)
-        for part in shapely.get_parts(surface):
-            if part.geom_type == "Polygon" and not part.is_empty:
-                ring = np.asarray(part.exterior.coords)
-                axes.fill(*ring.T, facecolor=ROAD, edgecolor="none", zorder=0)
-                low, high = min(low, ring[:, 1].min()), max(high, ring[:, 1].max())
-        for side in (-0.5, 0.5):
-            border = line.offset_curve(side * lane.width)
-            if not border.is_empty and border.geom_type == "LineString":
-                axes.plot(*np.asarray(border.coords).T, color=PAINT, lw=1.3, ls=(0, (6, 5)), zorder=1)
-    return max(low, -40.0) - 1.5, min(high, 40.0) + 1.5
-
-
-def _boxes(table: AgentTable) -> FloatArray:
-    return box_corners(table.x, table.y, table.yaw, table.length, table.width)
 
 
 def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:

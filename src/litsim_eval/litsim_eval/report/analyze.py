@@ -32,7 +32,7 @@ def measure(run: Run, folder: Path) -> dict[str, Any]:
     metrics = compute_metrics(run)
     write_metrics(metrics, folder / METRICS_FILE)
     write_tables(run, folder)
-    from litsim_eval.analysis.plots import overview  # matplotlib takes half a second to load
+    from litsim_eval.pictures.overview import overview  # matplotlib takes half a second to load
 
     with replacing(folder / PLOT_FILE) as new:
         overview(run, new)
