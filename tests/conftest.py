@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import shutil
 import struct
 import subprocess
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -40,6 +42,10 @@ US101 = "ngsim/us101_0750_frames_0126_1149.parquet"
 # Tests run in several processes at a time: more threads in each would wait for each other.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# The key by which runs are sealed is one of the tests' own.
+os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="litsim-tests-")
+atexit.register(shutil.rmtree, os.environ["XDG_STATE_HOME"], ignore_errors=True)
 
 # Tests are of what LitSim ships: plug-ins that somebody has installed beside it stay out of their sight.
 SHIPPED = {plugins.PIP_PACKAGE, *(path.name for path in (Path(__file__).resolve().parents[1] / "src").iterdir())}

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import litsim_sim
+from litsim_eval.analysis.identity import digest
 from litsim_eval.analysis.lockstep import problems
 from litsim_eval.analysis.metrics import compute_metrics, write_metrics
 from litsim_eval.analysis.timing import timing
@@ -25,6 +26,7 @@ from litsim_sim.core.stages import StageState
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.record.failure import write_failure
 from litsim_sim.record.run import Status, TopicGaps, read_run
+from litsim_sim.record.seal import write_seal
 from takeovers import takeover
 
 Make = Callable[..., Any]
@@ -181,6 +183,16 @@ def test_runs_that_are_not_valid(run: Any, change: dict[str, Any], why: str) -> 
     assert not metrics["valid"]
     assert why in metrics["why"]
     json.dumps(metrics, allow_nan=False)
+
+
+def test_a_run_is_judged_against_its_seal(run: Any, write_run: Make, tmp_path: Path) -> None:
+    folder = write_run(run, tmp_path / "bag")
+    recorded = read_run(folder)
+    facts = recorded.facts(digest(recorded))
+    write_seal(folder, facts)
+    assert "sealed" not in compute_metrics(read_run(folder))["why"]
+    write_seal(folder, replace(facts, step=STEPS + 9))
+    assert f"step is {STEPS}, sealed is {STEPS + 9}" in compute_metrics(read_run(folder))["why"]
 
 
 def test_states_that_are_not_finite_are_not_valid(run: Any, moved: Make) -> None:

@@ -23,6 +23,7 @@ from litsim_predictor.ros.messages import forecast_to_message
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_NS
 from litsim_sim.record.bag import BagWriter, qos_yaml
+from litsim_sim.record.seal import RunFacts, write_seal
 from litsim_sim.ros import messages, topics
 from litsim_sim.ros.definitions import type_hash, type_name
 from litsim_sim.scenario.run_info import RunPlan
@@ -89,6 +90,14 @@ def copied(message: Any, **changes: Any) -> Any:
 
 def at(topic: topics.Topic, step: int, change: Callable[[Any], Any]) -> Tamper:
     return lambda name, k, message: change(message) if (name, k) == (topic.name, step) else message
+
+
+def test_a_record_that_is_not_as_sealed_is_not_repeated(write: Any) -> None:
+    bag = write()
+    write_seal(bag, RunFacts("run-1", STEPS, "00ff", 3.0, ""))
+    said = rf"run_id is .*; step is {STEPS - 1}, sealed is {STEPS}; digest is "
+    with pytest.raises(InputError, match=said), open_record(bag):
+        pass
 
 
 def test_every_stage_answers_as_recorded(write: Any) -> None:

@@ -37,7 +37,9 @@ MEASURES = family(
     Count("agents", lambda run: len(run.once(collisions).agents - {run.info.ego_id}), "agents", rows=SUM),
     Count("controlled_agents", lambda run: len(run.once(collisions).controlled), "agents ever under control"),
     "equal for [equal runs](faults.md#digests)",
-    Text("digest", digest),
+    Text("digest", lambda run: run.once(digest)),
+    "[the seal](faults.md#the-seal) of the record, and by whose key; null without a record",
+    Text("seal", lambda run: None if run.seal is None else run.seal.signature),
 )
 WORLD = family(
     "agents that entered late and that never entered",

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from litsim_eval.analysis.identity import digest
 from litsim_eval.analysis.measure import ANY_KEY, HIGHER, LOWER, Branch, Count, Measure, Text, Truth, family
 from litsim_sim.core.errors import INTERRUPTED, printable
 from litsim_sim.core.lockstep import unanswered
@@ -35,7 +36,11 @@ def lockstep(run: Run) -> dict[str, Any]:
 def problems(run: Run) -> list[str]:
     """Returns all that makes a run invalid, in words; empty for a valid run."""
     gaps = (f"{topic}: {_described(gaps)}" for topic, gaps in sorted(run.gaps.items()) if gaps)
-    return [*_failures(run), *unanswered(run.summary), *gaps, *_unusable(run)]
+    return [*_failures(run), *unanswered(run.summary), *gaps, *_unusable(run), *_not_as_sealed(run)]
+
+
+def _not_as_sealed(run: Run) -> list[str]:
+    return [] if run.seal is None else run.seal.flaws(run.facts(run.once(digest)))
 
 
 def _failures(run: Run) -> list[str]:

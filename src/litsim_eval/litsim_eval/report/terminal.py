@@ -103,6 +103,8 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     stages = (f"{stage} {t['median']:.1f}/{t['max']:.1f}" for stage, t in metrics["timing"]["stage_ms"].items())
     yield "stages, median/max ms", ", ".join(stages) or NOTHING
     yield "digest", metrics["digest"][:16]
+    if metrics.get("seal"):
+        yield "seal", metrics["seal"]
 
 
 def _plain(value: float | None) -> str:

@@ -15,11 +15,14 @@ from rclpy.serialization import deserialize_message
 
 from litsim_eval.analysis.metrics_tree import leaves
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.stages import StageState
+from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
+from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.yaml_loader import load_yaml
 from litsim_sim.io.yaml_input import parse_yaml
 from litsim_sim.record.bag import BagReader
+from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.run import NET_FILE, RECORDING_FILE, SCENARIO_FILE
+from litsim_sim.record.seal import RunFacts, read_seal
 from litsim_sim.ros.definitions import type_hash, type_name
 from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_APPLIED, EGO_CONTROL, FORECASTS, RUN_INFO, STATUS, TAKEOVERS
 from litsim_sim.scenario.run_info import versions
@@ -58,13 +61,16 @@ def open_record(bag: Path) -> Iterator[Record]:
     """Reads a bag; the files of its scenario are in a temporary folder until the context is left.
 
     Raises:
-        InputError: it is not a bag or not a LitSim run, lacks attachments, or has messages of another version.
+        InputError: it is not a bag or not a LitSim run, lacks attachments, has messages of another version, or is not
+            as it was sealed.
     """
     reader = BagReader(bag)
     messages = _decoded(reader)
     info = messages[RUN_INFO.name].get(0)
     if info is None:
         raise InputError(f"{reader.path}: no LitSim run: no message on {RUN_INFO.name}")
+    if flaws := read_seal(reader.path).flaws(_facts(messages, info)):
+        raise InputError(f"{reader.path}: {'; '.join(flaws)}")
     with tempfile.TemporaryDirectory(prefix="litsim-rerun-") as folder:
         record = Record(
             reader.path,
@@ -101,6 +107,27 @@ def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:
     if applied := messages.pop(EGO_APPLIED.name):  # for an external ego, the commands that the bridge has applied
         messages[EGO_CONTROL.name] = applied
     return messages
+
+
+def _facts(messages: dict[str, dict[int, Any]], info: Any) -> RunFacts:
+    """Returns what the run came to by its messages."""
+    total = RunDigest()
+    for step in sorted(messages[AGENTS.name]):
+        digest_step(total, messages, step)
+    ends = [s for s in messages[STATUS.name].values() if s.stage == BRIDGE and s.state == StageState.FINISHED]
+    wall_s, summary = (ends[-1].compute_time, ends[-1].text) if ends else (0.0, "")
+    return RunFacts(info.run_id, max(messages[AGENTS.name], default=-1), total.hexdigest(), wall_s, summary)
+
+
+def digest_step(digest: RunDigest, messages: dict[str, dict[int, Any]], step: int) -> None:
+    """Adds the recorded messages of `step` to `digest`."""
+    agents, controls, ego = (messages[topic.name].get(step) for topic in (AGENTS, CONTROLS, EGO_CONTROL))
+    if agents is not None:
+        digest.update(
+            AgentTable.of_message(agents),
+            None if controls is None else ControlTable.of_message(controls),
+            None if ego is None else EgoCommand.of_message(ego),
+        )
 
 
 def _scenario(reader: BagReader, folder: Path) -> Scenario:

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from litsim_eval.runs.message_diff import DiffSummary
-from litsim_eval.runs.recorded_run import Record
+from litsim_eval.runs.recorded_run import Record, digest_step
 from litsim_eval.runs.runner import Runner
 from litsim_policy.conflict.messages import takeovers_to_message
 from litsim_policy.ego.ego import Ego
 from litsim_predictor.ros.messages import forecast_from_message, forecast_to_message
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
+from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stage_registry import configured
 from litsim_sim.core.stages import CONFLICT, EGO, POLICY, PREDICTOR
 from litsim_sim.core.takeover import TakeoverTable
@@ -108,7 +108,7 @@ def resimulate(record: Record) -> Resimulated:
             if answer is not None and step in messages[topic]:
                 tally.add(topic, step, messages[topic][step], answer)
         digests[1].update(now.table, now.controls, now.ego)
-        _digest(digests[0], messages, step)
+        digest_step(digests[0], messages, step)
     return Resimulated(tally, steps, digests[0].hexdigest(), digests[1].hexdigest())
 
 
@@ -171,14 +171,3 @@ def _core(record: Record, name: str) -> Callable[..., Any]:
         return stage.to_message(getattr(core, stage.method)(*inputs), info.run_id)
 
     return answer
-
-
-def _digest(digest: RunDigest, messages: dict[str, dict[int, Any]], step: int) -> None:
-    """Adds the recorded messages of `step` to `digest`."""
-    agents, controls, ego = (messages[topic.name].get(step) for topic in (AGENTS, CONTROLS, EGO_CONTROL))
-    if agents is not None:
-        digest.update(
-            AgentTable.of_message(agents),
-            None if controls is None else ControlTable.of_message(controls),
-            None if ego is None else EgoCommand.of_message(ego),
-        )

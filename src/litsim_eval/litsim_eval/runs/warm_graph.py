@@ -39,6 +39,7 @@ from litsim_sim.nodes.recorder import RecorderNode
 from litsim_sim.nodes.responses import RunFailed
 from litsim_sim.record.bag import make_room
 from litsim_sim.record.failure import write_failure
+from litsim_sim.record.seal import write_seal
 from litsim_sim.ros.in_process import InProcessTransport
 from litsim_sim.scenario.run_info import RunPlan
 
@@ -126,6 +127,8 @@ class WarmGraph:
             except BaseException as error:
                 recorder.abandon(reason(error), 0.0)
                 raise
+        if run.facts is not None:
+            write_seal(out, run.facts)
 
     def _start_stack(self, command: list[str]) -> None:
         """Start the stack, unless it runs already; none for LitSim's own egos."""

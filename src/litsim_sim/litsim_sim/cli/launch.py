@@ -31,6 +31,7 @@ from litsim_sim.launch.signals import without_interrupts
 from litsim_sim.nodes.shared import prepare_nodes
 from litsim_sim.record.bag import make_room
 from litsim_sim.record.failure import write_failure
+from litsim_sim.record.seal import write_seal
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, ego_names
 
 STATUS_HELP = (
@@ -87,6 +88,7 @@ def launch(arguments: argparse.Namespace) -> int:
             _announce(arguments, plan, domain_id)
             try:
                 _run(graph, nodes, paths, arguments)
+                write_seal(out, graph.facts())
             except GraphFailed as error:
                 print_error(f"{error} (logs: {out / 'log'})")
                 with suppress(Unwritable):  # as on a disk that is full, of which the run may have failed

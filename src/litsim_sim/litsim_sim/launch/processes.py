@@ -24,6 +24,7 @@ from litsim_sim.launch.domain import EMPTY, HOLDER, is_known_empty
 from litsim_sim.launch.forked import ForkedProcess
 from litsim_sim.launch.middleware import RANGE, enclave_setting
 from litsim_sim.launch.signals import signals_deferred
+from litsim_sim.record.seal import KEY_VARIABLE, RunFacts
 
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
 QUIET_S = 120.0  # [s] longest time without a sign of life of a running bridge, which may be loading or computing
@@ -83,6 +84,7 @@ class Graph:
     def start_stack(self, command: Sequence[str]) -> None:
         """Start the command that drives the ego, in the domain of the graph; raises as :func:`.check_program`."""
         environment = self._environment | enclave_setting(self._environment, STACK, command)
+        environment.pop(KEY_VARIABLE, None)
         with self._log(STACK) as log, signals_deferred():
             process = start_supervised(command, env=environment, stdout=log, stderr=log)
             self.children[STACK] = Child(STACK, process, Path(log.name), tuple(command))
@@ -94,6 +96,13 @@ class Graph:
             return ""
         self._progress.join(timeout=1.0)  # what the bridge has printed last
         return self._progress.invalid
+
+    def facts(self) -> RunFacts:
+        """Returns what the run came to, as the bridge has told after its end; raises GraphFailed if it has not."""
+        told = set(self._progress.facts) if self._progress else set()
+        if len(told) != 1:
+            raise GraphFailed(f"node {BRIDGE} has told {len(told)} ends of the run on its output, expected one")
+        return told.pop()
 
     def _log(self, name: str) -> IO[str]:
         return (self._log_folder / f"{name}.log").open("a")  # which was removed; the supervisor may shorten it
@@ -188,7 +197,8 @@ class Progress(threading.Thread):
     """Reads the bridge's lines; every line is a sign of life.
 
     Unless `quiet`, `step K of N` is shown as a bar, and `note TEXT`, what the run has been waiting for, printed once.
-    With `failed at T s` the bridge announces that the run has failed, before it tells the nodes and the stack.
+    With `failed at T s` the bridge announces that the run has failed, before it tells the nodes and the stack, and with
+    `facts JSON` what the run came to.
 
     Attributes:
         complete: whether the last step has been answered.
@@ -197,6 +207,7 @@ class Progress(threading.Thread):
         invalid: why the run is not valid, once it has ended; empty if the bridge knows of nothing.
         failed: time at which the bridge was about to tell the nodes that the run has failed, on the monotonic clock,
             which all processes share [s]; None if it has not.
+        facts: what the run came to, each time that it was told.
     """
 
     def __init__(self, lines: IO[str], quiet: bool) -> None:
@@ -207,6 +218,7 @@ class Progress(threading.Thread):
         self.heard = time.monotonic()
         self.invalid = ""
         self.failed: float | None = None
+        self.facts: list[RunFacts] = []
 
     def run(self) -> None:
         """See :class:`threading.Thread`."""
@@ -221,6 +233,8 @@ class Progress(threading.Thread):
                     self.step = int(step)
                 case ["invalid", *_]:
                     self.invalid = line.removeprefix("invalid ").rstrip()
+                case ["facts", *_]:
+                    self.facts.append(RunFacts.of_text(line.removeprefix("facts ")))
                 case ["failed", "at", time_s, "s"]:
                     self.failed = float(time_s)
                 case ["step", step, "of", total]:

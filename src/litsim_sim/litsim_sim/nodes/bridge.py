@@ -9,13 +9,15 @@ from contextlib import closing
 from tqdm import tqdm
 
 from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
-from litsim_sim.core.scene import STEP_S, ControlTable, EgoCommand
+from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stages import RECORDER, StageState
 from litsim_sim.core.step_marks import step_marks
 from litsim_sim.core.topic_names import RECORDED, STATUS
 from litsim_sim.launch.domain import held_domain
 from litsim_sim.nodes.bridge_node import BridgeNode
 from litsim_sim.nodes.responses import RunFailed
+from litsim_sim.record.digest import RunDigest
+from litsim_sim.record.seal import RunFacts
 from litsim_sim.ros.process import process, spare_from_collection
 from litsim_sim.scenario.run_info import EXTERNAL, REPLAY
 from litsim_sim.simulation import Simulation
@@ -39,10 +41,14 @@ class Bridge:
 
     Attributes:
         over: whether all steps are answered.
+        facts: what the run came to, for its seal; None before its end.
     """
 
     def __init__(self, node: BridgeNode) -> None:
         self.over = False
+        self.facts: RunFacts | None = None
+        self._digest = RunDigest()
+        self._undigested: tuple[AgentTable, ControlTable | None, EgoCommand] | None = None
         self._node, self._plan, self._options = node, node.plan, node.options
         self._port, self._liveness, self._responses = node.port, node.liveness, node.responses
         self._external = node.plan.ego == EXTERNAL
@@ -102,11 +108,12 @@ class Bridge:
         until = time.perf_counter() + self._options.answer_timeout_s
         self._node.serve_until(lambda: self._liveness.recorded >= last, until)
         self._liveness.check_recorded(last)
-        self._node.finish(last, wall, self._responses.summary() | summary)
+        self.facts = self._node.finish(last, wall, self._responses.summary() | summary, self._digest.hexdigest())
         self._farewell()
         if self._liveness.recorder_closing:
             raise RunFailed(f"{RECORDER}: no FINISHED on {STATUS} within {FAREWELL_S:g} s of the end of the run")
         self._liveness.check()
+        self._node.pulse.say("facts", self.facts.text)
 
     def _farewell(self) -> None:
         """Wait for the recorder to close its file."""
@@ -151,7 +158,9 @@ class Bridge:
                 if simulation.ended or step % 10 == 0:
                     node.pulse.say("step", f"{step} of {step if simulation.ended else total}")
         self._report_time(step)
-        return time.perf_counter() - start
+        wall = time.perf_counter() - start
+        self._digest_answered()
+        return wall
 
     def _wait_for_answers(self, due: float) -> None:
         """Publish the present step and wait for the answers to it, in real time until `due`."""
@@ -163,6 +172,7 @@ class Bridge:
         node.accompany(table)
         if step > 0:
             self._report_time(step - 1)
+        self._digest_answered()
         self._simulation.world.catch_up()
         self._marks = {"begin": begin, "shown": shown, "free": time.perf_counter()}
         patient = step == 0 or not self._realtime
@@ -224,6 +234,7 @@ class Bridge:
     def _advance(self, command: EgoCommand, controls: ControlTable | None) -> None:
         """Go on to the next step; if it ends the run early, tell the stages, so that no node waits for more."""
         simulation, begin = self._simulation, time.perf_counter()
+        self._undigested = simulation.table, controls, command
         try:
             simulation.step(command, controls)
         except ValueError as error:
@@ -232,6 +243,12 @@ class Bridge:
         early = simulation.world.ended
         if early is not None and not simulation.ended and early.step < self._plan.scenario.total_steps:
             self._node.say(StageState.ENDING, early.step, text=early.sentence)
+
+    def _digest_answered(self) -> None:
+        """Add the step that was answered last to the digest, while others work on the next one."""
+        if self._undigested is not None:
+            self._digest.update(*self._undigested)
+            self._undigested = None
 
     def _timeout(self, step: int) -> float:
         """Returns the time limit for the answers to a step [s]; at step 0 that of an external ego."""

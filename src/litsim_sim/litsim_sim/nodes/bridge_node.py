@@ -27,6 +27,7 @@ from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence
 from litsim_sim.nodes.publishers import WATCH_S, check_publishers, owners
 from litsim_sim.nodes.responses import ResponseCollector, RunFailed, StageLiveness
 from litsim_sim.nodes.simulation_services import SimulationServices
+from litsim_sim.record.seal import RunFacts
 from litsim_sim.ros import ego_port, messages, standard
 from litsim_sim.ros.definitions import type_name
 from litsim_sim.ros.endpoints import Endpoints, node_of, once_named, publisher_on, subscribe
@@ -180,11 +181,13 @@ class BridgeNode(Node):
         if self._simulation:
             self._simulation.close()
 
-    def finish(self, step: int, wall_s: float, summary: dict[str, Any]) -> None:
-        """Report the end of the run after `step`, which took `wall_s` since step 0, with its `summary`."""
+    def finish(self, step: int, wall_s: float, summary: dict[str, Any], digest: str) -> RunFacts:
+        """Report the end of the run after `step`, which took `wall_s` since step 0, with its `summary`; return all."""
+        facts = RunFacts(self.plan.run_id, step, digest, wall_s, yaml.safe_dump(summary, sort_keys=False))
         if flaws := unanswered(summary):
             self.pulse.say("invalid", "; ".join(flaws))
-        self.say(StageState.FINISHED, step, wall_s, yaml.safe_dump(summary, sort_keys=False))
+        self.say(StageState.FINISHED, step, wall_s, facts.summary)
+        return facts
 
     def listen_to_timings(self) -> None:
         """Start to listen to timings, to find out which stages have answered; not done by default as it costs time."""

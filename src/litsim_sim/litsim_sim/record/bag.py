@@ -39,6 +39,8 @@ DERIVED_FILES = ("metrics.json", "series.parquet", "takeovers.parquet", "overvie
 """Files computed from a bag, out of date once the bag is overwritten."""
 FAILURE_FILE = "failure.txt"
 """File beside the bag of a failed run with the reason, see :mod:`litsim_sim.record.failure`; out of date likewise."""
+SEAL_FILE = "seal.json"
+"""File beside the bag with what its run came to, see :mod:`litsim_sim.record.seal`; out of date likewise."""
 # libyaml, where PyYAML was built with it, is ten times as fast, and most of what closing a bag takes
 YAML_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -273,7 +275,7 @@ def make_room(folder: Path, overwrite: bool) -> None:
     bag = [*sorted(folder.glob("*.mcap")), *folder.glob(METADATA_FILE)]
     if bag and not overwrite:
         raise InputError(f"{folder}: holds a bag already ({bag[0].name}); give another folder")
-    for path in [*bag, *(folder / name for name in (*DERIVED_FILES, FAILURE_FILE))]:
+    for path in [*bag, *(folder / name for name in (*DERIVED_FILES, FAILURE_FILE, SEAL_FILE))]:
         path.unlink(missing_ok=True)
 
 

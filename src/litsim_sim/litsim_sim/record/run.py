@@ -39,6 +39,7 @@ from litsim_sim.lane_map.signal_links import ARROW, SignalLink
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.decoding import UNDECODABLE, decoded
 from litsim_sim.record.failure import read_failure
+from litsim_sim.record.seal import RunFacts, Seal, read_seal
 from litsim_sim.scenario.log import logged_steps
 from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.signals import Signals
@@ -154,6 +155,7 @@ class Run:
         problem: why the file is incomplete; empty for a complete one.
         failure: why the run has failed, as written by the launcher beside the file; empty if it has not.
         metadata: metadata of the bag.
+        seal: seal of the record; None for a run that was not recorded.
     """
 
     path: Path
@@ -176,6 +178,7 @@ class Run:
     problem: str = ""
     failure: str = ""
     metadata: dict[str, str] = field(default_factory=dict)
+    seal: Seal | None = None
 
     @cached_property
     def steps(self) -> Steps:
@@ -231,11 +234,21 @@ class Run:
     @cached_property
     def summary(self) -> dict[str, Any]:
         """The bridge's summary at the end of the run, and its wall time as `wall_s`; empty without one."""
-        for status in reversed(self.statuses):
-            if status.stage == BRIDGE and status.state == StageState.FINISHED:
-                summary = load_yaml(status.text, f"{self.path}: topic {STATUS}, the bridge's last message")
-                return (summary if isinstance(summary, dict) else {}) | {"wall_s": status.compute_time}
-        return {}
+        if (status := self._finished) is None:
+            return {}
+        summary = load_yaml(status.text, f"{self.path}: topic {STATUS}, the bridge's last message")
+        return (summary if isinstance(summary, dict) else {}) | {"wall_s": status.compute_time}
+
+    @property
+    def _finished(self) -> Status | None:
+        """The bridge's last message on the end of the run; None without one."""
+        ends = (s for s in reversed(self.statuses) if s.stage == BRIDGE and s.state == StageState.FINISHED)
+        return next(ends, None)
+
+    def facts(self, digest: str) -> RunFacts:
+        """Returns what the run came to by its record, whose digest is `digest`."""
+        wall_s, summary = (self._finished.compute_time, self._finished.text) if self._finished else (0.0, "")
+        return RunFacts(self.info.run_id, int(self.tables[-1].step), digest, wall_s, summary)
 
 
 class StoredMessages(Mapping[int, T]):
@@ -300,6 +313,7 @@ def read_run(path: Path) -> Run:
         problem=reader.problem,
         failure=read_failure(reader.path),
         metadata=reader.metadata,
+        seal=read_seal(reader.path),
     )
 
 
