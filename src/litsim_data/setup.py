@@ -29,7 +29,6 @@ setup(
         ],
         # See litsim_sim.core.plugins for the groups.
         "litsim.recordings": [
-            "autoware_bag = litsim_data.generic.bag_format:AutowareBag",
             "ngsim = litsim_data.ngsim.plugin:Official",
             "us101_windows = litsim_data.ngsim.plugin:Windows",
             "sources = litsim_data.sources.plugin:Tracks",
@@ -49,6 +48,7 @@ setup(
         ],
         "litsim.sources": [
             "argoverse2 = litsim_data.sources.argoverse:Argoverse2",
+            "autoware_bag = litsim_data.sources.autoware_bag:AutowareBag",
             "commonroad = litsim_data.sources.commonroad:CommonRoad",
             "highd = litsim_data.sources.level_x:HighD",
             "interaction = litsim_data.sources.interaction:Interaction",

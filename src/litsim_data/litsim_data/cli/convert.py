@@ -8,9 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from litsim_data.generic.bag_format import bag_file, is_bag
+import pandas as pd
+
 from litsim_data.generic.description import describe
 from litsim_data.ngsim.formats import is_official
+from litsim_data.sources.autoware_bag import bag_file
+from litsim_data.sources.source import Scene, Source, source_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import refuse_input_as_output, replacing
 from litsim_sim.io.yaml_input import read_yaml
@@ -83,8 +86,8 @@ def run(arguments: argparse.Namespace) -> None:
         return
     if arguments.raw:
         raise InputError(f"{source}: --raw is for official NGSIM files, and for --mapping")
-    if is_bag(source) and not crop and arguments.net is None:
-        _convert_bag(source, arguments.out)
+    if not crop and arguments.net is None and (known := source_of(source)) is not None:
+        _convert_scene(next(known.read(source, None)), known, arguments.out, raw=False)
         return
     recording, cut = _cut(load_recording(source, crop), arguments)
     recording.write(_file(arguments.out))
@@ -110,17 +113,18 @@ def _cut(recording: Recording, arguments: argparse.Namespace) -> tuple[Recording
     return cut, lines
 
 
-def _convert_bag(source: Path, out: Path) -> None:
-    """Converts a bag of Autoware; changes of its traffic lights become a file beside the recording."""
-    from litsim_data.generic.autoware_bag import read_bag, write_changes
+def _convert_scene(scene: Scene, source: Source, out: Path, *, raw: bool) -> None:
+    """Converts the tracks of a scene; changes of traffic lights become a file beside the recording."""
+    from litsim_data.sources.importing import converted
 
-    content = read_bag(source)
-    content.recording.write(_file(out))
-    print(describe(content.recording))
-    if content.signals:
+    recording, counts = converted(scene, source, raw=raw)
+    recording.write(_file(out))
+    print(describe(recording), counts.text(), *(f"note       {note}" for note in scene.notes), sep="\n")
+    if scene.signals:
         changes = out.with_name(f"{out.stem}_signals.csv")
-        write_changes(content.signals, changes)
-        print(f"{'signals':<11}{len(content.signals)} changes -> {changes}")
+        with replacing(changes) as new:
+            pd.DataFrame(scene.signals, columns=["begin", "group", "state"]).to_csv(new, index=False)
+        print(f"{'signals':<11}{len(scene.signals)} changes -> {changes}")
 
 
 def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]]) -> None:

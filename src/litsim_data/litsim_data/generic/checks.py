@@ -28,6 +28,7 @@ HEADING_MAX = 0.35  # [rad] bound on the median angle between heading and direct
 MISREAD = 0.005  # share of moving rows off by more above which a convention that halves it is suggested
 TURNED_MAX = np.deg2rad(3.0)  # bound on the median offset of headings of vehicles that go straight; NGSIM: 0
 STRAIGHT, WAY_MIN, VEHICLES_MIN = np.deg2rad(8.0), 20.0, 5  # going straight: range of headings, [m]; vehicles needed
+SIDEWAYS, OFF_WAY = np.deg2rad(45.0), 15.0  # heading off the motion, for so many [m]: nobody reverses as far. Untuned
 ACROSS_MAX = 0.05  # share of moving rows that may lead off the x axis for reference box_corner
 REVERSE_MAX = 5.0  # [m/s] largest plausible speed in reverse
 STANDING = 0.5  # [m/s] if 99 % of rows are slower, all vehicles are parked
@@ -308,6 +309,28 @@ def _turned_headings(table: pd.DataFrame, mapping: Mapping) -> str:
         f"{'left' if turned > 0 else 'right'} of their way (median): is column {mapping.columns.yaw!r} relative to "
         f"another north than the positions? Without field columns.yaw headings follow from the motion"
     )
+
+
+def off_their_motion(table: pd.DataFrame) -> list[int]:
+    """Returns ids of vehicles whose heading is more than SIDEWAYS off their motion for OFF_WAY or more.
+
+    Trackers confuse front and rear of single vehicles. Where more than half of those that move are off, there are none:
+    then the convention of the table is another one, which :func:`check_plausible` tells.
+
+    Args:
+        table: as of :func:`check_plausible`.
+    """
+    if "yaw" not in table:
+        return []
+    step = steps(table, 1)["dt"]
+    apart = max(1, round(CHANGE_S / max(float(step[step > 0].median()), STEP_RANGE_S[0]))) if (step > 0).any() else 1
+    moves = steps(table, apart)
+    moves = moves[moves["way"] > MOVING * moves["dt"]]
+    motion = np.arctan2(moves["dy"].to_numpy(), moves["dx"].to_numpy())
+    off = moves[np.abs(wrap_angle(motion - moves["yaw"].to_numpy())) > SIDEWAYS]
+    gone = off.groupby("vehicle_id")["way"].sum() / apart  # these steps overlap
+    ids = [int(vehicle) for vehicle in gone.index[gone >= OFF_WAY]]
+    return ids if 2 * len(ids) <= moves["vehicle_id"].nunique() else []
 
 
 def _size(table: pd.DataFrame, mapping: Mapping) -> str:

@@ -12,7 +12,7 @@ import pandas as pd
 from litsim_data.cleaning.cleaning import smoothed
 from litsim_data.cleaning.noise import HARSH, Noise
 from litsim_data.cleaning.report import overlaps
-from litsim_data.generic.checks import check_plausible, heading
+from litsim_data.generic.checks import check_plausible, heading, off_their_motion
 from litsim_data.generic.counts import Counts
 from litsim_data.generic.draft import likely_kind
 from litsim_data.generic.headings import direction_of_motion, headings
@@ -69,7 +69,11 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
     check_clock(table, source)
     table = in_order(table, source, counts)
     counts.levels = levels(table, source)
-    check_plausible(table[~obstacle_rows(table)], mapping, str(source))
+    counts.off_motion = off_their_motion(table[~obstacle_rows(table)])
+    off = table["vehicle_id"].isin(counts.off_motion)
+    if "speed" in table:
+        table = table.assign(speed=table["speed"].mask(off, table["speed"].abs()))
+    check_plausible(table[~(obstacle_rows(table) | off)], mapping, str(source))
     if "speed" in table:  # below 0 of reversing vehicles, or of noise around 0
         counts.backwards = int((table["speed"] < 0.0).sum())
         table = table.assign(speed=table["speed"].clip(lower=0.0))
@@ -81,8 +85,8 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
         counts.of_one_size = int(table.loc[other, "vehicle_id"].nunique())
     table = without_outliers(table, source, counts)
     count_leaps(table[~obstacle_rows(table)], source, counts)
-    count_turns(table[~obstacle_rows(table)], source, counts)
-    table = resampled(split(table, counts), source, counts)
+    count_turns(table[~(obstacle_rows(table) | table["vehicle_id"].isin(counts.off_motion))], source, counts)
+    table = _along_motion(resampled(split(table, counts), source, counts), mapping, counts)
     moving = _with_motion(table, mapping)
     _check_walking(moving[obstacle_rows(moving)], names.get("ids", {}), source)
     mapping, moving = _cleaned_if_noisy(table, moving, mapping, source, counts)
@@ -292,14 +296,28 @@ def _of_whole_tracks(row_kind: pd.Series, raw: pd.DataFrame, mapping: Mapping, c
     return pd.Series(np.asarray(names)[rows.argmax(axis=1)][track], index=row_kind.index)
 
 
+def _headings(table: pd.DataFrame, mapping: Mapping) -> FloatArray:
+    """Returns headings (n,) [rad] that follow from the motion of the reference point, rows of 10 Hz."""
+    lever = (VehicleLimits.rear_axle - AHEAD[mapping.reference]) * table["length"].to_numpy()
+    lever = np.zeros(len(table)) if mapping.reference == "box_corner" else lever
+    vehicle, x, y = (table[name].to_numpy() for name in ("vehicle_id", "x", "y"))
+    return headings(vehicle, x, y, lever)
+
+
+def _along_motion(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.DataFrame:
+    """Returns `table`, rows of 10 Hz, where headings of vehicles that are off their motion follow from it."""
+    off = (table["vehicle_id"] % PIECE).isin(counts.off_motion)
+    if not off.any():
+        return table
+    return table.assign(yaw=table["yaw"].mask(off, pd.Series(_headings(table, mapping), table.index)))
+
+
 def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
     """Returns `table` with box centres, and with heading, speed and acceleration derived where the file lacks them."""
     vehicle, x, y = (table[name].to_numpy() for name in ("vehicle_id", "x", "y"))
     walking = obstacle_rows(table)
     if "yaw" not in table:
-        lever = (VehicleLimits.rear_axle - AHEAD[mapping.reference]) * table["length"].to_numpy()
-        lever = np.zeros(len(table)) if mapping.reference == "box_corner" else lever
-        table = table.assign(yaw=headings(vehicle, x, y, lever))
+        table = table.assign(yaw=_headings(table, mapping))
     if walking.any():
         along = direction_of_motion(vehicle, x, y)
         table = table.assign(yaw=np.where(walking, along, table["yaw"]))

@@ -25,10 +25,11 @@ class Counts:
         jumps: jumps at which tracks were cut.
         pieces: tracks after cutting at long holes and jumps.
         too_short: pieces that contain no frame at 10 Hz.
-        usual_sizes: pedestrians and cyclists without a size that got a default one.
+        usual_sizes: agents without a usable size that got a default one.
         backwards: rows with negative speeds, set to 0.
         leaps: steps between rows of vehicles that depart from the motion around as no vehicle does.
         farthest_leap: how far and where one of them does most.
+        off_motion: vehicles whose headings are off their motion, and follow from it.
         turns: steps between rows of vehicles at which the file's heading turns as no vehicle does.
         largest_turn: how far and where it turns most.
         harsh: share of the rows of vehicles with implausibly hard accelerations.
@@ -55,6 +56,7 @@ class Counts:
     backwards: int = 0
     leaps: int = 0
     farthest_leap: str = ""
+    off_motion: list[int] = field(default_factory=list)
     turns: int = 0
     largest_turn: str = ""
     harsh: float = 0.0
@@ -78,6 +80,7 @@ class Counts:
             "tracks_of_usual_size": self.usual_sizes,
             "rows_backwards": self.backwards,
             "leaps": self.leaps,
+            "headings_from_motion": self.off_motion,
             "turns": self.turns,
             "noise": self.noisy,
             "moved_by_cleaning_m": {str(vehicle): round(way, 2) for vehicle, way in self.moved.items()},
@@ -120,13 +123,19 @@ class Counts:
                 f"columns.length and columns.width of the mapping give as numbers"
             )
         if self.usual_sizes:
-            lines.append(f"sizes      {self.usual_sizes} pedestrians or cyclists without a size got a usual one")
+            lines.append(f"sizes      {self.usual_sizes} agents without a usable size got a usual one of their kind")
         if self.backwards:
             lines.append(f"speeds     {self.backwards} rows below 0, of reversing or standing vehicles, became 0")
         if self.leaps:
             lines.append(
                 f"leaps      {self.leaps} times a vehicle departs from its motion before and after as none drives, at "
                 f"most {self.farthest_leap}: speeds and headings there may be wrong, too"
+            )
+        if self.off_motion:
+            ids = ", ".join(map(str, self.off_motion[:SHOWN]))
+            lines.append(
+                f"headings   {len(self.off_motion)} vehicles drive off their heading for 15 m and more, such as {ids}: "
+                "their headings follow from the motion"
             )
         if self.turns:
             lines.append(

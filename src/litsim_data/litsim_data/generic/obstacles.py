@@ -1,4 +1,4 @@
-"""Pedestrians and cyclists of a table: which of their columns are used, and defaults for the others.
+"""Pedestrians and cyclists of a table: which of their columns are used; and sizes of agents that have none.
 
 Data sets describe them less completely than vehicles: many give no heading, no size, or a size of 0. As obstacles that
 follow their log they need accurate positions only; headings and speeds are derived from these.
@@ -14,10 +14,16 @@ from litsim_data.generic.mapping import Mapping
 from litsim_sim.core.scene import BoolArray, Kind, is_obstacle
 from litsim_sim.scenario.recording import BOUNDS
 
-USUAL_SIZES: dict[Kind, tuple[float, float]] = {Kind.BICYCLE: (1.8, 0.6), Kind.PEDESTRIAN: (0.5, 0.5)}
+USUAL_SIZES: dict[Kind, tuple[float, float]] = {
+    Kind.CAR: (4.6, 2.0),
+    Kind.TRUCK: (12.0, 2.5),
+    Kind.MOTORCYCLE: (2.2, 0.9),
+    Kind.BICYCLE: (1.8, 0.6),
+    Kind.PEDESTRIAN: (0.5, 0.5),
+}
 """Default length and width [m]."""
 
-NAMES = tuple(kind.name.lower() for kind in USUAL_SIZES)
+NAMES = tuple(kind.name.lower() for kind in (Kind.BICYCLE, Kind.PEDESTRIAN))
 UNUSED = ("yaw", "speed", "speed_x", "speed_y", "acceleration")
 
 
@@ -43,19 +49,21 @@ def without_unused(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def with_usual_sizes(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.DataFrame:
-    """Returns `table`, in SI units, with default sizes for pedestrians and cyclists without a size.
+    """Returns `table`, in SI units, with default sizes for agents of a known kind without a usable size.
 
-    They have none if the mapping gives one size for all vehicles, or if their median size is below BOUNDS.
+    A median size beyond BOUNDS is none, nor is one that the mapping gives for all vehicles that of pedestrians and
+    cyclists. Those of unknown kind get the nearest size within BOUNDS.
     """
-    rows = obstacle_rows(table)
-    if not rows.any():
-        return table
     has_sizes = isinstance(mapping.columns.length, str) and isinstance(mapping.columns.width, str)
     sizes = table.groupby("vehicle_id")[["length", "width"]].transform("median")
-    small = (sizes["length"] < BOUNDS["length"][0]) | (sizes["width"] < BOUNDS["width"][0])
-    rows &= small.to_numpy() | (not has_sizes)
+    usable = sizes["length"].between(*BOUNDS["length"]) & sizes["width"].between(*BOUNDS["width"])
+    rows = ~usable.to_numpy() | (obstacle_rows(table) & (not has_sizes))
+    if not rows.any():
+        return table
     counts.usual_sizes = int(table.loc[rows, "vehicle_id"].nunique())
     table = table.copy()
+    for name in ("length", "width"):
+        table.loc[rows, name] = sizes.loc[rows, name].clip(*BOUNDS[name])
     for kind, (length, width) in USUAL_SIZES.items():
         table.loc[rows & (table["kind"].to_numpy() == kind), ["length", "width"]] = length, width
     return table

@@ -16,6 +16,7 @@ from litsim_data import segments
 from litsim_data.generic.convert import CLOCK, RoughMotionError, convert
 from litsim_data.generic.counts import Counts
 from litsim_data.generic.description import describe
+from litsim_data.generic.resampling import PIECE
 from litsim_data.maps.alignment import share_along
 from litsim_data.maps.check import NetCheck, check_net
 from litsim_data.maps.check_text import describe as describe_check
@@ -174,13 +175,7 @@ def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net],
     recording, cropped = cropped_to_net(recording, net.lane_map)
     if not len(recording.columns["frame"]):
         raise InputError(f"{scene.tracks}: none of its vehicles comes onto a lane of {scene.map_name}")
-    notes: dict[str, object] = {**recording.header.notes}
-    if scene.ego is not None:
-        ids = notes.get("ids")
-        notes[segments.EGO_NOTE] = (
-            ids.get(scene.ego) if isinstance(ids, Mapping) and scene.ego in ids else int(scene.ego)
-        )
-    recording = Recording(replace(recording.header, net=net.path.name, notes=notes), recording.columns)
+    recording = Recording(replace(recording.header, net=net.path.name), recording.columns)
     recording, signals, heeded = _with_signals(scene, recording, net)
     path = out / f"{scene.name}.parquet"
     recording.write(path)
@@ -208,17 +203,34 @@ def converted(
     header = {"name": scene.name, "source": citation, "licence": licence}
     mapping = scene.mapping.model_copy(update=header | {"accept": accept} | ({"clean": False} if raw else {}))
     try:
-        return convert(scene.tracks, mapping)
+        recording, counts = convert(scene.tracks, mapping)
     except RoughMotionError:  # few rows, but impossible
         if raw:
             raise
         recording, counts = convert(scene.tracks, mapping.model_copy(update={"clean": True}))
         counts.noisy = counts.noisy or "accelerations were impossible; --raw keeps the motion"
-        return recording, counts
+    counts.read += sum(scene.left_out.values())
+    for reason_left_out, rows in scene.left_out.items():
+        counts.leave_out(reason_left_out, rows)
+    notes = recording.header.notes | counts.note() | _ego_note(scene, recording)
+    return Recording(replace(recording.header, notes=notes), recording.columns), counts
+
+
+def _ego_note(scene: Scene, recording: Recording) -> dict[str, object]:
+    """Returns the note on the ego, if the scene knows it: the longest piece of its track, where this has holes."""
+    if scene.ego is None:
+        return {}
+    ids = recording.header.notes.get("ids")
+    number = ids[scene.ego] if isinstance(ids, Mapping) and scene.ego in ids else int(scene.ego)
+    vehicle = recording.columns["vehicle_id"]
+    pieces, rows = np.unique(vehicle[vehicle % PIECE == number], return_counts=True)
+    return {segments.EGO_NOTE: int(pieces[np.argmax(rows)])} if len(pieces) else {}
 
 
 def _net(scene: Scene, out: Path) -> Net:
     """Writes the net of a scene."""
+    if scene.lanes is None:
+        raise InputError(f"{scene.tracks}: has no map: data convert makes a recording of it alone")
     path, lanes = out / f"{scene.map_name}.net.xml", scene.lanes()
     if isinstance(lanes, LaneGraph):
         built = write_graph(lanes, path)

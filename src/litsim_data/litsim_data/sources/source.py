@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
-from litsim_data.generic.mapping import Mapping
+from litsim_data.generic.mapping import Mapping as Meaning
 from litsim_data.maps.lane_graph import LaneGraph
 from litsim_sim.core import plugins
 from litsim_sim.io.table_input import TableFiles
@@ -26,23 +26,25 @@ class Scene:
         tracks: the tracks, as the data set has them.
         mapping: meaning of the columns of `tracks`; its `name`, `source`, `licence` and `net` are filled in on import.
         lanes: reads the map: its lanes; or a file, a SUMO net or an OpenDRIVE map. It raises InputError if the map is
-            missing or cannot be used.
+            missing or cannot be used. None where the data set has no map.
         map_name: name of the map; scenes with one name have one map.
         signals: what traffic lights of the map showed, ascending in time.
         ego: id of the vehicle that recorded the others, if it is known, which becomes the ego.
         notes: sentences on what of the scene is not used.
         about: licence and citation of its data, if they are not those of its :class:`Source`.
+        left_out: numbers of rows of the file that are not among `tracks`, by reason.
     """
 
     name: str
     tracks: TableFiles
-    mapping: Mapping
-    lanes: Callable[[], LaneGraph | Path]
-    map_name: str
+    mapping: Meaning
+    lanes: Callable[[], LaneGraph | Path] | None = None
+    map_name: str = ""
     signals: Sequence[SignalChange] = ()
     ego: str | None = None
     notes: tuple[str, ...] = ()
     about: tuple[str, str] | None = None
+    left_out: Mapping[str, int] = field(default_factory=dict)
 
 
 class Source(ABC):
