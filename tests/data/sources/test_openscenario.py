@@ -1,17 +1,23 @@
-"""OpenSCENARIO files of others: catalogs, parameters, relative times, and what is no trajectory in time."""
+"""OpenSCENARIO files of others: start times, positions, parameters, catalogs, and what is not read."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import made_sources
 from litsim_data.cli import main
+from litsim_data.sources.openscenario import OpenScenario
+from litsim_data.sources.openscenario_xml import UnreadError, value_of
+from litsim_data.sources.source import Scene
+from litsim_data.sources.storyboard import Storyboard
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
-from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.scenario import Scenario
 
@@ -19,109 +25,265 @@ BOX = (
     '<BoundingBox><Center x="{x}" y="0" z="0.8"/><Dimensions length="{length}" width="2.0" height="1.6"/></BoundingBox>'
 )
 VAN = f'<Vehicle name="box" vehicleCategory="van">{BOX.format(x=2.0, length=6.0)}</Vehicle>'
-CAR = '<Vehicle name="car" vehicleCategory="car">' + BOX.format(x="$middle", length=5.0) + "</Vehicle>"
-FOLLOW = (
-    "<PrivateAction><RoutingAction><FollowTrajectoryAction><TrajectoryRef><Trajectory name='t' closed='false'><Shape>"
-    "<Polyline>{vertices}</Polyline></Shape></Trajectory></TrajectoryRef><TimeReference>{timing}</TimeReference>"
-    "</FollowTrajectoryAction></RoutingAction></PrivateAction>"
+CAR = '<Vehicle name="car" vehicleCategory="car">' + BOX.format(x="${$middle / 2}", length=5.0) + "</Vehicle>"
+PLAIN = f'<Vehicle name="plain" vehicleCategory="car">{BOX.format(x=0.0, length=5.0)}</Vehicle>'
+ON_TIME = '<TimeReference><Timing domainAbsoluteRelative="{}" scale="1.0" offset="0"/></TimeReference>'
+RELATIVE, ABSOLUTE, UNTIMED = (
+    ON_TIME.format("relative"),
+    ON_TIME.format("absolute"),
+    "<TimeReference><None/></TimeReference>",
 )
-TIMING = '<Timing domainAbsoluteRelative="{domain}" scale="1.0" offset="{offset}"/>'
-AT = (
-    "<StartTrigger><ConditionGroup><Condition name='at' delay='0' conditionEdge='none'><ByValueCondition>"
-    "<SimulationTimeCondition value='{time}' rule='greaterThan'/></ByValueCondition></Condition></ConditionGroup>"
-    "</StartTrigger>"
+STAND = "<PrivateAction><TeleportAction><Position>{}</Position></TeleportAction></PrivateAction>"
+SPEED = (
+    "<PrivateAction><LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape='{shape}' value='{lasts}'"
+    " dynamicsDimension='time'/><SpeedActionTarget><AbsoluteTargetSpeed value='{speed}'/></SpeedActionTarget>"
+    "</SpeedAction></LongitudinalAction></PrivateAction>"
 )
+AT = "<ByValueCondition><SimulationTimeCondition value='{}' rule='{}'/></ByValueCondition>"
+STATE = (
+    "<ByValueCondition><StoryboardElementStateCondition storyboardElementType='{}' storyboardElementRef='{}'"
+    " state='{}'/></ByValueCondition>"
+)
+NEAR = "<ByEntityCondition><EntityCondition><StandStillCondition duration='1'/></EntityCondition></ByEntityCondition>"
 
 
-def vertices(x: np.ndarray, y: float, heading: str = "") -> str:
-    """Vertices every 0.1 s."""
-    places = (f'<WorldPosition x="{value:.3f}" y="{y}" {heading}/>' for value in x)
-    return "".join(
-        f'<Vertex time="{0.1 * k:.1f}"><Position>{place}</Position></Vertex>' for k, place in enumerate(places)
+def world(x: float | str, y: float = -1.75, heading: str = "") -> str:
+    return f'<WorldPosition x="{x}" y="{y}" {heading}/>'
+
+
+def follow(vertices: dict[float, str], timing: str = RELATIVE, more: str = "") -> str:
+    line = "".join(f'<Vertex time="{t}"><Position>{place}</Position></Vertex>' for t, place in vertices.items())
+    return (
+        f"<PrivateAction><RoutingAction><FollowTrajectoryAction {more}><TrajectoryRef><Trajectory closed='false'>"
+        f"<Shape><Polyline>{line}</Polyline></Shape></Trajectory></TrajectoryRef>{timing}</FollowTrajectoryAction>"
+        "</RoutingAction></PrivateAction>"
     )
 
 
-def write(folder: Path, road: str = "made.xodr", timing: str = TIMING.format(domain="relative", offset=0)) -> Path:
-    """Three seconds: a car drives east, a van follows from a catalog; a third vehicle waits, and a tram is none."""
-    (folder / "catalogs").mkdir(parents=True)
-    (folder / "catalogs" / "vans.xosc").write_text(f'<OpenSCENARIO><Catalog name="vans">{VAN}</Catalog></OpenSCENARIO>')
+def when(*conditions: str, delay: float = 0.0, edge: str = "none", tag: str = "StartTrigger") -> str:
+    held = "".join(
+        f"<Condition name='c' delay='{delay}' conditionEdge='{edge}'>{one}</Condition>" for one in conditions
+    )
+    return f"<{tag}><ConditionGroup>{held}</ConditionGroup></{tag}>"
+
+
+def act(name: str, actor: str, events: dict[str, tuple[str, str]], trigger: str = "<StartTrigger/>") -> str:
+    """An act of an actor, with events: an action and a trigger by name."""
+    made = "".join(
+        f"<Event name='{event}' priority='overwrite'><Action name='{event}_action'>{action}</Action>{start}</Event>"
+        for event, (action, start) in events.items()
+    )
+    return (
+        f"<Act name='{name}'><ManeuverGroup name='{name}_g' maximumExecutionCount='1'><Actors"
+        f" selectTriggeringEntities='false'><EntityRef entityRef='{actor}'/></Actors><Maneuver name='{name}_m'>{made}"
+        f"</Maneuver></ManeuverGroup>{trigger}</Act>"
+    )
+
+
+def write(folder: Path, entities: dict[str, str], init: dict[str, str], acts: str = "", stop: str = "") -> Path:
+    """A scenario on a road along x from -150 to 150 m."""
+    folder.mkdir(parents=True, exist_ok=True)
     (folder / "made.xodr").write_text(made_sources.opendrive())
-    x = np.arange(0.0, 30.1)
-    late = FOLLOW.format(vertices=vertices(x[:21] - 110.0, -1.75), timing=timing)
-    first = FOLLOW.format(
-        vertices=vertices(x - 80.0, -1.75, 'h="0"'), timing=TIMING.format(domain="absolute", offset=0)
-    )
+    objects = "".join(f'<ScenarioObject name="{name}">{entity}</ScenarioObject>' for name, entity in entities.items())
+    first = "".join(f'<Private entityRef="{name}">{actions}</Private>' for name, actions in init.items())
     path = folder / "made.xosc"
     path.write_text(
-        '<?xml version="1.0"?><OpenSCENARIO><FileHeader revMajor="1" revMinor="0" date="2026-11-01T00:00:00"'
-        ' author="" description=""/><ParameterDeclarations><ParameterDeclaration name="middle" parameterType="double"'
-        ' value="1.5"/></ParameterDeclarations><CatalogLocations><VehicleCatalog><Directory path="catalogs"/>'
-        f'</VehicleCatalog></CatalogLocations><RoadNetwork><LogicFile filepath="{road}"/></RoadNetwork><Entities>'
-        f'<ScenarioObject name="ego">{CAR}</ScenarioObject><ScenarioObject name="van"><CatalogReference'
-        f' catalogName="vans" entryName="box"/></ScenarioObject><ScenarioObject name="waits">{VAN}</ScenarioObject>'
-        '<ScenarioObject name="tram"><Vehicle name="tram" vehicleCategory="tram"/></ScenarioObject></Entities>'
-        f'<Storyboard><Init><Actions><Private entityRef="ego">{first}</Private></Actions></Init><Story name="s"><Act'
-        ' name="a"><ManeuverGroup name="g" maximumExecutionCount="1"><Actors selectTriggeringEntities="false">'
-        '<EntityRef entityRef="van"/></Actors><Maneuver name="m"><Event name="e" priority="overwrite"><Action name="f">'
-        f"{late}</Action>{AT.format(time=1.0)}</Event></Maneuver></ManeuverGroup></Act></Story></Storyboard></OpenSCENARIO>"
+        '<?xml version="1.0"?><OpenSCENARIO><FileHeader revMajor="1" revMinor="2"/><ParameterDeclarations>'
+        '<ParameterDeclaration name="middle" parameterType="double" value="3.0"/></ParameterDeclarations>'
+        '<CatalogLocations><VehicleCatalog><Directory path="catalogs"/></VehicleCatalog></CatalogLocations>'
+        f'<RoadNetwork><LogicFile filepath="made.xodr"/></RoadNetwork><Entities>{objects}</Entities><Storyboard><Init>'
+        f"<Actions>{first}</Actions></Init><Story name='s'>{acts}</Story>{stop}</Storyboard></OpenSCENARIO>"
     )
     return path
 
 
-def test_without_any_trajectory_in_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write(tmp_path / "in")
-    path.write_text(path.read_text().replace("Timing", "None"))
-    with pytest.raises(SystemExit, match="2"):
-        main(["convert", str(path), str(tmp_path / "out.parquet")])
-    assert "no FollowTrajectoryAction with Timing" in capsys.readouterr().err
+def scene_of(path: Path) -> tuple[dict[str, pd.DataFrame], Scene]:
+    (scene,) = OpenScenario().read(path, None)
+    table = scene.tracks.table  # type: ignore[attr-defined]
+    frames = (10.0 * table["time"]).round().astype(int)
+    return {name: track.set_index(frames[track.index]) for name, track in table.groupby("vehicle_id")}, scene
+
+
+EAST = {0.0: world(-80.0), 10.0: world(20.0)}
+"""A way of 10 m/s."""
+STOP = when(AT.format(20, "greaterThan"), tag="StopTrigger")
+
+
+@pytest.mark.parametrize(
+    ("of_act", "of_event", "start"),
+    [
+        ("<StartTrigger/>", when(AT.format(5, "greaterThan")), 5.0),
+        (when(AT.format(3, "greaterThan")), when(AT.format(0, "greaterThan")), 3.0),
+        (when(AT.format(1, "greaterThan"), delay=2.0), "", 3.0),
+        ("<StartTrigger/>", when(AT.format(5, "lessThan"), edge="falling"), 5.0),
+        (when(AT.format(2, "greaterThan")), when(AT.format(0, "greaterThan"), edge="rising"), 2.0),
+        ("<StartTrigger/>", when(AT.format(4, "equalTo"), delay=0.5), 4.5),
+        (when(AT.format(4, "greaterOrEqual")), when(AT.format(4, "lessThan")), np.inf),
+        ("<StartTrigger/>", when(AT.format(2, "greaterThan"), AT.format(6, "greaterThan")), 6.0),
+        ("<StartTrigger/>", when(STATE.format("event", "b::first", "endTransition"), delay=1.0), 3.0),
+        ("<StartTrigger/>", when(STATE.format("act", "b", "completeState")), 2.0),
+        ("<StartTrigger/>", when(STATE.format("action", "first_action", "runningState")), 0.0),
+    ],
+)
+def test_start_times(of_act: str, of_event: str, start: float) -> None:
+    others = act("b", "B", {"first": ("<GlobalAction/>", "")})
+    root = ET.fromstring(f"<R><Story name='s'>{act('a', 'A', {'e': ('', of_event)}, of_act)}{others}</Story></R>")
+    (event,) = root.findall(".//Event[@name='e']")
+    assert Storyboard(root, lambda _, begin: begin + 2.0).start(event) == pytest.approx(start)
+
+
+@pytest.mark.parametrize(
+    ("trigger", "why"),
+    [
+        (when(NEAR), "element StandStillCondition is not read"),
+        (when(STATE.format("event", "e", "endTransition")), "element Event e waits for itself"),
+        (when(STATE.format("event", "gone", "endTransition")), "there is no event gone"),
+        (when(AT.format("soon", "greaterThan")), "attribute value is soon, expected a number"),
+        (when(AT.format(1, "about")), "rule about is not read"),
+    ],
+)
+def test_start_times_that_are_not_known(trigger: str, why: str) -> None:
+    root = ET.fromstring(f"<R><Story name='s'>{act('a', 'A', {'e': ('', trigger)})}</Story></R>")
+    (event,) = root.findall(".//Event")
+    with pytest.raises(UnreadError, match=re.escape(why)):
+        Storyboard(root, lambda _, begin: begin).start(event)
+
+
+def test_who_waits_stands_or_drives_on_and_who_has_done_drives_on(tmp_path: Path) -> None:
+    late = when(AT.format(5, "greaterThan"))
+    cars = dict.fromkeys(("Ego", "parked", "waits", "drives"), PLAIN)
+    at = {name: STAND.format(world(x)) for name, x in (("parked", 40.0), ("waits", -80.0), ("drives", -100.0))}
+    at["drives"] += SPEED.format(shape="step", lasts=0, speed=4.0)
+    acts = act("a", "Ego", {"e": (follow(EAST, ABSOLUTE), "")}) + act("b", "waits", {"f": (follow(EAST), late)})
+    tracks, scene = scene_of(write(tmp_path, cars, at, acts, STOP))
+    assert scene.ego == "Ego" and not scene.notes
+    assert all(track.index.tolist() == list(range(201)) for track in tracks.values())
+    assert set(tracks["parked"]["x"]) == {40.0} and set(tracks["parked"]["yaw"]) == {0.0}
+    np.testing.assert_allclose(tracks["waits"].loc[[0, 50, 51, 150, 200], "x"], [-80.0, -80.0, -79.0, 20.0, 70.0])
+    np.testing.assert_allclose(tracks["drives"].loc[[0, 100, 200], "x"], [-100.0, -60.0, -20.0])
+    np.testing.assert_allclose(tracks["Ego"].loc[[0, 100, 200], "x"], [-80.0, 20.0, 120.0])
+
+
+@pytest.mark.parametrize(
+    ("action", "x"),
+    [
+        (follow(EAST, RELATIVE, "initialDistanceOffset='50'"), [-30.0, -20.0, 20.0]),
+        (follow(EAST, ABSOLUTE, "initialDistanceOffset='50'"), [-30.0, -30.0, -30.0]),
+        (follow({0.0: world(0.0), 1.0: world(40.0)}, UNTIMED), [0.0, 6.0, 30.0]),
+        (SPEED.format(shape="linear", lasts=2, speed=10.0), [0.0, 7.0, 46.0]),
+    ],
+    ids=["offset", "offset by clock", "without times", "speed"],
+)
+def test_what_an_entity_does(action: str, x: list[float], tmp_path: Path) -> None:
+    first = STAND.format(world(0.0)) + SPEED.format(shape="step", lasts=0, speed=6.0)
+    stop = when(AT.format(5, "greaterThan"), tag="StopTrigger")
+    tracks, _ = scene_of(write(tmp_path, {"A": PLAIN}, {"A": first}, act("a", "A", {"e": (action, "")}), stop))
+    np.testing.assert_allclose(tracks["A"].loc[[0, 10, 50], "x"], x, atol=0.02)
+
+
+LANE = '<LanePosition roadId="1" laneId="{}" s="100"{}</LanePosition>'
+
+
+@pytest.mark.parametrize(
+    ("place", "pose"),
+    [
+        (LANE.format(-1, ' offset="0.5">'), (-50.0, -1.25, 0.0)),
+        (LANE.format(1, ">"), (-50.0, 1.75, np.pi)),
+        (LANE.format(1, '><Orientation type="relative" h="0.25"/>'), (-50.0, 1.75, 0.25)),
+        ('<RoadPosition roadId="1" s="30" t="2"/>', (-120.0, 2.0, 0.0)),
+        ('<RelativeLanePosition entityRef="other" dLane="1" ds="20" offset="0"/>', (-20.0, 1.75, np.pi)),
+        ('<RelativeRoadPosition entityRef="other" ds="-10" dt="1"/>', (-50.0, -0.75, 0.0)),
+        ('<RelativeWorldPosition entityRef="other" dx="3" dy="-1"/>', (-37.0, -2.75, 0.0)),
+        ('<RelativeObjectPosition entityRef="other" dx="3" dy="1"><Orientation h="1"/>', (-37.0, -0.75, 1.0)),
+    ],
+)
+def test_positions(place: str, pose: tuple[float, float, float], tmp_path: Path) -> None:
+    place += "</RelativeObjectPosition>" * ("RelativeObject" in place)
+    at = {"A": STAND.format(place), "other": STAND.format(world(-40.0))}
+    tracks, _ = scene_of(write(tmp_path, {"A": PLAIN, "other": PLAIN}, at, "", STOP))
+    assert tuple(tracks["A"].loc[7, ["x", "y", "yaw"]]) == pytest.approx(pose)
 
 
 def test_what_is_imported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write(tmp_path / "in")
-    main(["import", str(tmp_path / "in"), str(tmp_path / "out")])
-    text = capsys.readouterr().out
-    assert "2 entities without a trajectory in time are left out" in text
+    folder = tmp_path / "in"
+    (folder / "catalogs").mkdir(parents=True)
+    (folder / "catalogs" / "vans.xosc").write_text(f'<OpenSCENARIO><Catalog name="vans">{VAN}</Catalog></OpenSCENARIO>')
+    van = "<CatalogReference catalogName='vans' entryName='box'/>"
+    entities = {"ego": CAR, "van": van, "tram": '<Vehicle name="t" vehicleCategory="tram"/>', "nowhere": PLAIN}
+    first = follow({0.1 * k: world(k - 80.0, heading='h="0"') for k in range(31)}, ABSOLUTE)
+    late = follow({0.0: world(-110.0), 2.0: world(-90.0)})
+    acts = act("a", "van", {"e": (late, when(AT.format(1, "greaterThan")))})
+    write(folder, entities, {"ego": first}, acts)
+    main(["import", str(folder), str(tmp_path / "out")])
+    text = " ".join(capsys.readouterr().out.split())
+    assert "2 of 4 entities are left out: tram: element Vehicle of category tram is not simulated; nowhere: no" in text
     recording = Recording.read(tmp_path / "out" / "made.parquet")
     ids, table = recording.header.notes["ids"], recording.table
-    ego, van = (table[table["vehicle_id"] == ids[name]] for name in ("ego", "van"))  # type: ignore[index]
+    ego, van_rows = (table[table["vehicle_id"] == ids[name]] for name in ("ego", "van"))  # type: ignore[index]
     np.testing.assert_allclose(ego["x"], np.arange(0.0, 30.1) - 80.0 + 1.5, atol=1e-6)
-    assert set(ego["length"]) == {5.0} and set(van["length"]) == {6.0} and set(table["kind"]) == {Kind.CAR}
-    assert van["frame"].tolist() == list(range(10, 31)), "its times count from the start of its event"
-    np.testing.assert_allclose(van["x"], np.arange(0.0, 20.1) - 110.0 + 2.0, atol=1e-6)
-    np.testing.assert_allclose(van["yaw"], 0.0, atol=1e-9)
+    assert set(ego["length"]) == {5.0} and set(van_rows["length"]) == {6.0} and set(table["kind"]) == {Kind.CAR}
+    assert van_rows["frame"].tolist() == list(range(10, 31)), "its times count from the start of its event"
+    np.testing.assert_allclose(van_rows["x"], np.arange(0.0, 20.1) - 110.0 + 2.0, atol=1e-6)
     (scenario,) = (tmp_path / "out" / "scenarios").glob("*_train_*.yaml")
     assert Scenario.load(scenario).ego_id == ids["ego"]  # type: ignore[index]
 
 
+CHANGE = "<PrivateAction><LateralAction><LaneChangeAction/></LateralAction></PrivateAction>"
+
+
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("entity", "action", "why"),
     [
-        (("made.xodr", "gone.xodr"), r"RoadNetwork names .*gone\.xodr, which is no file: name the OpenDRIVE map by"),
+        (PLAIN, CHANGE, "element LaneChangeAction is not read"),
         (
-            ('entryName="box"', 'entryName="bus"'),
-            r"entity van: \('vans', 'bus'\) is not in the file, nor in its CatalogLocations",
+            PLAIN,
+            follow({0.0: world(0.0), 1.0: world("east")}),
+            "element WorldPosition: attribute x is east, expected a",
         ),
-        (
-            ('value="1.5"', 'value="${1+1}"'),
-            "trajectory of ego: attribute x of element Center is '${1+1}', expected a number",
-        ),
-        (('x="-80.000"', 'x="east"'), "trajectory of ego: attribute x of element WorldPosition is 'east', expected a"),
-        (("</OpenSCENARIO>", ""), "not a readable OpenSCENARIO file"),
+        (PLAIN, follow({0.0: world(0.0), float("9" * 30): world(9.0)}), "element Vertex: attribute time is 1e+30"),
+        (PLAIN, follow({0.0: world(0.0), 1.0: world(400.0)}), "element Vertex 2: is 400 m and 1 s after"),
+        (PLAIN, follow({1.0: world(0.0), 0.0: world(4.0)}), "element Vertex: times fall"),
+        (PLAIN, STAND.format(LANE.format(-3, ">")), "there is no lane -3 at s 100 of road 1"),
+        (PLAIN, STAND.format('<GeoPosition latitude="1" longitude="1"/>'), "element GeoPosition is not read"),
+        ("<CatalogReference catalogName='c' entryName='e'/>", "", "element CatalogReference of category none"),
+        (PLAIN.replace('x="0.0"', 'x="${1/0}"'), "", "element Center: attribute x is ${1/0}, expected a number"),
     ],
 )
-def test_what_cannot_be_used(
-    change: tuple[str, str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = write(tmp_path / "in")
+def test_who_is_left_out(entity: str, action: str, why: str, tmp_path: Path) -> None:
+    places = {name: STAND.format(world(x)) for name, x in (("A", 0.0), ("B", 50.0))}
+    acts = act("a", "A", {"e": (action, "")}) if action else ""
+    tracks, scene = scene_of(write(tmp_path, {"A": entity, "B": PLAIN}, places, acts, STOP))
+    assert {*tracks} == {"B"} and scene.notes[0].startswith(f"1 of 2 entities are left out: A: {why}")
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ((STOP, ""), "nothing says when it ends"),
+        (("20", "8" * 30), "nothing says when it ends.* the StopTrigger is passed over: .* value is 8888"),
+        (("</OpenSCENARIO>", ""), "not a readable OpenSCENARIO file"),
+        (("TeleportAction", "RunAction"), "holds no entity that is read; 1 of 1 .* element RunAction is not read"),
+    ],
+)
+def test_what_cannot_be_used(change: tuple[str, str], why: str, tmp_path: Path) -> None:
+    path = write(tmp_path, {"A": PLAIN}, {"A": STAND.format(world(0.0))}, "", STOP)
     path.write_text(path.read_text().replace(*change))
-    with pytest.raises(SystemExit, match="2"):
-        main(["import", str(path), str(tmp_path / "out")])
-    assert re.search(message.replace("${1+1}", re.escape("${1+1}")), capsys.readouterr().err)
+    with pytest.raises(InputError, match=why):
+        scene_of(path)
 
 
-@pytest.mark.parametrize("timing", ["<None/>", TIMING.format(domain="relative", offset="0")])
-def test_trajectories_without_known_times_are_counted(timing: str, tmp_path: Path) -> None:
-    path = write(tmp_path / "in", timing=timing)
-    if "Timing" in timing:
-        path.write_text(path.read_text().replace("SimulationTimeCondition", "ParameterCondition"))
-    assert set(load_recording(path).header.notes["ids"]) == {"ego"}  # type: ignore[call-overload]
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("$a", "2.5"),
+        ("${$a * 2 + 1}", "6"),
+        ("${pow($a, 2) % 4}", "2.25"),
+        ("${-round($a)}", "-3"),
+        ("${not true or $b}", "true"),
+        ("${$gone + 1}", "${$gone + 1}"),
+        ("${__import__('os')}", "${__import__('os')}"),
+        ("${9**9**9**9}", "${9**9**9**9}"),
+    ],
+)
+def test_expressions(text: str, value: str) -> None:
+    assert value_of(text, {"a": "2.5", "b": "true"}) == value
