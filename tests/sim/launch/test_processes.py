@@ -15,6 +15,7 @@ from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.launch.domain import DOMAIN_PORTS, EMPTY, FIRST_PORT
 from litsim_sim.launch.middleware import ENCLAVE, PROFILES, RANGE, SECURITY
 from litsim_sim.launch.processes import STACK, Graph, GraphFailed, Progress
+from litsim_sim.record.seal import RunFacts
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -160,6 +161,16 @@ def test_what_the_bridge_waits_for_is_said_once(capsys: pytest.CaptureFixture[st
     lines = ("note waiting for Godot", "alive at step 0", "note waiting for Godot", "note waiting for one")
     Progress(io.StringIO("".join(f"{line}\n" for line in lines)), quiet).run()
     assert capsys.readouterr().err == said
+
+
+@pytest.mark.parametrize("told", [[], ["230", "99"]])
+def test_a_run_has_one_end_whoever_writes_to_the_output_of_the_bridge(tmp_path: Path, told: list[str]) -> None:
+    ends = [RunFacts("run-1", int(step), "00ff", 1.0, "") for step in told]
+    graph = Graph(tmp_path, 7)
+    graph._progress = Progress(io.StringIO("".join(f"facts {each.text}\n" for each in ends)), quiet=True)
+    graph._progress.run()
+    with pytest.raises(GraphFailed, match=f"^node bridge has told {len(told)} ends of the run"):
+        graph.facts()
 
 
 DEFERRED = """

@@ -24,7 +24,7 @@ from litsim_sim.nodes.bridge_options import bridge_stage
 from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence, rivalry
-from litsim_sim.nodes.publishers import WATCH_S, check_publishers, owners
+from litsim_sim.nodes.publishers import WATCH_S, Visits, check_publishers, owners
 from litsim_sim.nodes.responses import ResponseCollector, RunFailed, StageLiveness
 from litsim_sim.nodes.simulation_services import SimulationServices
 from litsim_sim.record.seal import RunFacts
@@ -99,6 +99,7 @@ class BridgeNode(Node):
         self._ego_publishers_changed = True  # whether a publisher of the ego may have come since they were last noted
         self._owners = owners(plan.stages, external=external, signals=plan.scenario.signals is not None)
         self._watched = -WATCH_S
+        self._visits = Visits(self)
         self.watch_marks: dict[str, float] = {}  # marks of the last check of publishers, until they are reported
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
         self._outputs = {t: publisher_on(self, t) for t in published}
@@ -106,13 +107,17 @@ class BridgeNode(Node):
         self._diagnostics = Diagnostics(self, plan.run_id, plan.scenario.total_steps, self.port)
         ego_port.subscribe(self, self.port, tuple(Interface) if external else (Interface.CONTROL,))
         if plan.policy != "replay":
-            subscribe(self, CONTROLS, lambda m: self.responses.offer_controls(m.run_id, m.step, m))
-        subscribe(self, STATUS, lambda m: self.liveness.take_status(m.run_id, m.stage, m.state, m.text))
-        subscribe(self, RECORDED, lambda m: self.liveness.take_confirmation(m.run_id, m.step))
+            self._subscribe(CONTROLS, lambda m: self.responses.offer_controls(m.run_id, m.step, m))
+        self._subscribe(STATUS, lambda m: self.liveness.take_status(m.run_id, m.stage, m.state, m.text))
+        self._subscribe(RECORDED, lambda m: self.liveness.take_confirmation(m.run_id, m.step))
         for topic in (HELLO, RUN_INFO):
-            subscribe(self, topic, lambda m: self.liveness.take_run(m.run_id))
+            self._subscribe(topic, lambda m: self.liveness.take_run(m.run_id))
         self._simulation = SimulationServices.on(self, plan, served=chosen.served)
         self._executor = executor_of(self)
+
+    def _subscribe(self, topic: Topic, receive: Callable[[Any], None]) -> None:
+        """Hear a topic, and notice whoever comes to publish there."""
+        subscribe(self, topic, receive, matched=self._visits.of(topic))
 
     @property
     def alone(self) -> bool:
@@ -232,7 +237,7 @@ class BridgeNode(Node):
         """Serve messages until `done()`, or until time `until` of the performance counter; return `done()`.
 
         Raises:
-            RunFailed: a stage has failed, or several stacks answer for the ego.
+            RunFailed: a stage has failed, several stacks answer for the ego, or somebody else publishes for a stage.
         """
         while not done():
             self.pulse.beat(self.responses.step)
@@ -245,6 +250,7 @@ class BridgeNode(Node):
                 if EGO_APPLIED in self._outputs and (rivals := rivalry(self.port, self._ego_publishers())):
                     raise RunFailed(rivalry(self.port, self._named_ego_publishers()) or rivals)  # one may have gone
             self.liveness.check()
+            self._visits.check(self._owners)
             if time.monotonic() > self._watched + WATCH_S:
                 self.check_publishers()
         return True

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from rclpy.node import Node
 
@@ -23,7 +24,7 @@ from litsim_sim.ros.topics import (
     Topic,
 )
 
-WATCH_S = 1.0  # [s] period of the watch; a visit that is shorter shows in the record, as a second answer to a step
+WATCH_S = 1.0  # [s] period of the watch over topics that the bridge does not hear; :class:`Visits` are told at once
 
 STAGES = (*POLICY_STAGES, EGO, RECORDER)
 
@@ -60,13 +61,53 @@ def check_publishers(node: Node, internal: Owners) -> None:
             raise RunFailed(text)
 
 
+class Visits:
+    """Publishers that come to the topics that a node hears, however shortly they stay: DDS itself counts them.
+
+    A subscription gets no message of a publisher that has not been counted before.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Tell of visits to subscriptions of `node`."""
+        self._node = node
+        self._most: dict[Topic, int] = {}  # topics with new publishers; most that they have had at a time since
+
+    def of(self, topic: Topic) -> Callable[[Any], None]:
+        """Returns what a subscription of `topic` calls when publishers come and go."""
+
+        def note(status: Any) -> None:
+            if status.total_count_change:
+                before = status.current_count - status.current_count_change
+                self._most[topic] = max(before + status.total_count_change, self._most.get(topic, 0))
+
+        return note
+
+    def check(self, internal: Owners) -> None:
+        """Raise RunFailed if there were more publishers than owners; the message names them, as far as still known."""
+        while self._most:
+            topic, most = self._most.popitem()
+            names = internal.get(topic)
+            if names is None or most <= len(names):
+                continue
+            nodes = _nodes(self._node, topic)
+            if text := surplus(topic.name, names, nodes):
+                raise RunFailed(text)
+            if most > len(names) + len(_idle(names) & {*nodes}):
+                raise RunFailed(surplus(topic.name, names, [*(f"/{name}" for name in names), ""]))
+
+
+def _idle(names: Sequence[str]) -> set[str]:
+    """Returns full names of the stages that take no part in the run, by the owners of a topic."""
+    return {f"/{stage}" for stage in {*STAGES} - {*names} if len(names) != 1}
+
+
 def surplus(topic: str, names: Sequence[str], nodes: Sequence[str]) -> str:
     """Returns a text that tells of publishers on `topic` beyond its owners `names`; empty for none.
 
     A stage that takes no part in the run may be there, idle: LitSim's own ego, say, beside an external one. Full
     names of all their `nodes` are empty where unknown.
     """
-    idle = {f"/{stage}" for stage in {*STAGES} - {*names} if len(names) != 1}
+    idle = _idle(names)
     taking_part = [node for node in nodes if node not in idle]
     if len(taking_part) <= len(names):
         return ""

@@ -22,7 +22,9 @@ from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.stages import RECORDER as STAGE
 from litsim_sim.nodes.foreign_topics import LOOK_S, ForeignTopics
+from litsim_sim.nodes.publishers import Owners, Visits, owners
 from litsim_sim.nodes.recorder_options import recorder_stage
+from litsim_sim.nodes.responses import RunFailed
 from litsim_sim.record.bag import FORMAT, FORMAT_KEY, BagWriter, qos_yaml
 from litsim_sim.record.step_buffer import BufferedRun, StepBuffer
 from litsim_sim.ros import messages
@@ -31,7 +33,19 @@ from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.process import process, spin
-from litsim_sim.ros.topics import CLOCK, FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
+from litsim_sim.ros.topics import (
+    CLOCK,
+    FOREIGN,
+    HELLO,
+    LANES,
+    RECORDED,
+    RECORDED_TOPICS,
+    RUN_INFO,
+    SIGNALS,
+    STATUS,
+    Topic,
+)
+from litsim_sim.scenario.run_info import EXTERNAL
 from litsim_sim.scenario.scenario import Scenario
 
 HEARING_S = 10.0  # longest wait for READY of the other stages, which holds their parameters to be recorded
@@ -65,6 +79,8 @@ class RecorderNode(Node):
         self._of_this_run: set[Topic] = set()  # topics of which messages of other runs are not recorded
         self._early: dict[Topic, bytes] = {}  # latched messages received before RunInfo
         self._with_clock = True
+        self._visits = Visits(self)
+        self._owners: Owners = {}  # before a run has begun
         self._ending = False
         own = {topic.name for topic in RECORDED_TOPICS}
         self._foreign = [name for name in dict.fromkeys(chosen.topics.split()) if name not in own]
@@ -74,7 +90,7 @@ class RecorderNode(Node):
         self._status = publisher_on(self, STATUS)
         self._recorded = publisher_on(self, RECORDED)
         for topic in RECORDED_TOPICS:
-            subscribe(self, topic, self._receiver(topic), raw=True, depth=WAITING)
+            subscribe(self, topic, self._receiver(topic), raw=True, depth=WAITING, matched=self._visits.of(topic))
         subscribe(self, HELLO, self._on_hello)
         for topic in RECORDED_TOPICS:  # during DDS discovery
             add_topic(self._writer, topic)
@@ -102,6 +118,8 @@ class RecorderNode(Node):
 
         def receive(received: bytes) -> None:
             data = clear(received)
+            if self._owners and not self.finished:
+                self._visits.check(self._owners)
             if special is not None and not self.finished and not special(data):
                 return
             if self._run_id and not self.finished:
@@ -133,6 +151,7 @@ class RecorderNode(Node):
             return False
         self._run_id = info.run_id
         self._with_clock = CLOCK.name in info.topics
+        self._owners = owners(info.stages, external=info.ego == EXTERNAL, signals=SIGNALS.name in info.topics)
         describe(self._writer, info)
         names = [*(topic.name for topic in RECORDED_TOPICS), *self._foreign]
         foreign = [*(topic.name for topic in FOREIGN), *self._foreign]
@@ -273,6 +292,10 @@ def main() -> None:
         except KeyboardInterrupt as error:
             node.abandon(reason(error), DELIVERY_S)
             raise
+        except RunFailed as error:
+            node.abandon(str(error), LINGER_S)
+            print_error(error)
+            sys.exit(EXIT_FAILED)
         except Exception as error:
             node.abandon(reason(error), LINGER_S)
             raise

@@ -49,13 +49,20 @@ def publisher_on(node: Node, topic: Topic) -> Publisher:
 
 
 def subscribe(
-    node: Node, topic: Topic, receive: Callable[[Any], None], *, raw: bool = False, depth: int | None = None
+    node: Node,
+    topic: Topic,
+    receive: Callable[[Any], None],
+    *,
+    raw: bool = False,
+    depth: int | None = None,
+    matched: Callable[[Any], None] | None = None,
 ) -> None:
     """Subscribe `node` to `topic`; `receive` gets messages, or their serialised form if `raw`.
 
-    `depth` is the length of the queue; the topic's if None, and always for latched topics.
+    `depth` is the length of the queue; the topic's if None, and always for latched topics. `matched` is called when
+    publishers come and go, with their counts; it must not raise, or the events executor ends the process.
     """
-    silent, qos = SubscriptionEventCallbacks(use_default_callbacks=False), topic.qos
+    silent, qos = SubscriptionEventCallbacks(matched=matched, use_default_callbacks=False), topic.qos
     if depth is not None and not topic.latched:
         qos.depth = depth
     node.create_subscription(topic.type, topic.name, receive, qos, raw=raw, event_callbacks=silent)
