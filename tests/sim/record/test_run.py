@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -161,6 +162,26 @@ def test_messages_of_another_version_are_refused(tmp_path: Path) -> None:
         writer.write("/litsim/run_info", bytes([0, 1, 0, 0, 2, 0, 0, 0, 65, 0]), 0)
     with pytest.raises(InputError, match=r"topic /litsim/run_info at 0.0 s: cannot be read as the litsim_msgs"):
         read_run(tmp_path / "bag")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            lambda run: replace(run, info=replace(run.info, total_steps=2**32 - 1)),
+            "steps of the run: 4294967295, expected at most 864000",
+        ),
+        (
+            lambda run: replace(run, timing={}, tables=[replace(run.tables[0], step=2**32 - 1)]),
+            "step: 4294967295, expected at most 24",
+        ),
+    ],
+)
+def test_steps_beyond_the_budget_are_refused(
+    run: Any, write_run: Make, tmp_path: Path, change: Callable[[Any], Any], said: str
+) -> None:
+    with pytest.raises(InputError, match=re.escape(said)):
+        read_run(write_run(change(run), tmp_path / "bag"))
 
 
 @pytest.mark.parametrize(

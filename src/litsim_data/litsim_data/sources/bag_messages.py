@@ -29,7 +29,7 @@ from litsim_sim.core.object_ids import agent_of
 from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.signals import SignalState
 from litsim_sim.io.yaml_input import read_yaml
-from litsim_sim.record.decoding import UNDECODABLE
+from litsim_sim.record.decoding import UNDECODABLE, check_size
 
 VEHICLE_FILE = "vehicle_info.param.yaml"
 PACKAGES = ("autoware_perception_msgs", "autoware_auto_perception_msgs")
@@ -165,6 +165,7 @@ def read_scene(path: Path, name: str, source: Path) -> Scene:
             chosen, length_ns = _chosen(reader, path), reader.duration
             notes = _unread(reader, chosen)
             for connection, _, data in reader.messages(chosen):
+                check_size(reader.typestore, connection.msgtype, data)
                 message = reader.deserialize(data, connection.msgtype)
                 is_lights = connection.msgtype == SIGNALS
                 stamps.setdefault(connection.topic, []).append(

@@ -37,7 +37,7 @@ def timing(run: Run) -> dict[str, Any]:
     wall = run.summary.get("wall_s")
     last = run.tables[-1].step
     path: dict[str, list[float]] = {}
-    for step in range(1, last):
+    for step in sorted(step for step in run.marks.get(BRIDGE, {}) if 0 < step < last):
         for name, seconds in step_path(step, run.marks).items():
             path.setdefault(name, []).append(seconds)
     stages = {name: [s for step, s in seconds.items() if step > 0] for name, seconds in sorted(run.timing.items())}

@@ -14,6 +14,7 @@ from typing import IO, Any, TypeVar, cast
 
 import numpy as np
 
+from litsim_sim.core.budgets import CELLS_MAX, STEPS_MAX, check_budget
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import AgentTable, ByteArray, ControlTable, EgoCommand, IntArray
@@ -394,16 +395,21 @@ class _Content:
         """A serialised message; those of another run, or of a stage that takes no part in this one, are dropped."""
         message = decoded(self._topics[topic], data)
         if topic == RUN_INFO:
+            check_budget("steps of the run", message.total_steps, STEPS_MAX)
             self.info = self.info or _copy(RunInfo, message)
             return
         if self.info is not None and message.run_id != self.info.run_id:
             return
         if topic in OF_POLICY and self.info is not None and CONTROLS not in self.info.topics:
             return
+        last = STEPS_MAX if self.info is None else self.info.total_steps
         if topic == SIGNAL_MAP:
+            check_budget("states of signals", len(message.group) * (last + 1), CELLS_MAX)
             self._signal_map = message
             return
         step = int(message.step)
+        if topic in (AGENTS, SIGNALS):
+            check_budget("step", step, last)
         self._steps.setdefault(topic, array("q")).append(step)
         if topic == AGENTS:
             self.tables.add(AgentTable.of_message(message))
