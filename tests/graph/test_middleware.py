@@ -13,6 +13,11 @@ from typing import Any
 
 import pytest
 
+from litsim_sim.launch.middleware import RANGE
+from litsim_sim.launch.processes import Graph as Launched
+from litsim_sim.launch.supervisor import descendants
+
+STACK = "import rclpy; rclpy.init(); rclpy.spin(rclpy.create_node('stack'))"
 ALONE = Path(__file__).with_name("alone.py")
 NOT_ALLOWED = 77  # its exit status where the system permits no network of one's own
 
@@ -35,6 +40,22 @@ def test_a_node_listens_on_the_loopback_interface_alone_and_leaves_no_shared_mem
     maps = Path(f"/proc/{node.pid}/maps").read_text() if os.access(f"/proc/{node.pid}/maps", os.R_OK) else ""
     assert "fastrtps" in maps  # it is Fast DDS
     assert "/dev/shm/fastrtps" not in maps
+
+
+@pytest.mark.parametrize(("chosen", "alone"), [("LOCALHOST", True), ("SUBNET", False)])
+def test_a_stack_that_the_launcher_starts_stays_where_its_nodes_stay(
+    graph: Any, monkeypatch: pytest.MonkeyPatch, chosen: str, alone: bool
+) -> None:
+    monkeypatch.setenv(RANGE, chosen)
+    made = Launched(graph.folder, graph.domain)
+    try:
+        made.start_stack([sys.executable, "-c", STACK])
+        supervisor = made.children["ads"].process.pid
+        graph.wait("its sockets", lambda: any(map(addresses, descendants(supervisor))))
+        (stack,) = descendants(supervisor)
+        assert (addresses(stack) == {"127.0.0.1"}) == alone
+    finally:
+        made.stop()
 
 
 def test_a_run_needs_no_network(graph: Any) -> None:

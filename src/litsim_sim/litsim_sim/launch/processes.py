@@ -22,7 +22,7 @@ from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.launch.child import GRACE_S, Child, start_process, start_supervised
 from litsim_sim.launch.domain import EMPTY, HOLDER, is_known_empty
 from litsim_sim.launch.forked import ForkedProcess
-from litsim_sim.launch.middleware import RANGE, enclave_setting
+from litsim_sim.launch.middleware import LOOPBACK, RANGE, enclave_setting, middleware_settings
 from litsim_sim.launch.signals import signals_deferred
 from litsim_sim.record.seal import KEY_VARIABLE, RunFacts
 
@@ -82,9 +82,15 @@ class Graph:
             self.children[name] = Child(name, process, Path(log.name), nodes=several)
 
     def start_stack(self, command: Sequence[str]) -> None:
-        """Start the command that drives the ego, in the domain of the graph; raises as :func:`.check_program`."""
+        """Start the command that drives the ego, in the domain of the graph; raises as :func:`.check_program`.
+
+        It stays on the loopback interface where the nodes do, unless the user has chosen settings of the middleware.
+        """
         environment = self._environment | enclave_setting(self._environment, STACK, command)
         environment.pop(KEY_VARIABLE, None)
+        settings = middleware_settings(environment)
+        if str(LOOPBACK) in settings.values():
+            environment |= settings
         with self._log(STACK) as log, signals_deferred():
             process = start_supervised(command, env=environment, stdout=log, stderr=log)
             self.children[STACK] = Child(STACK, process, Path(log.name), tuple(command))
