@@ -53,7 +53,8 @@ def test_scenarios_are_served_one_after_the_other(graph: Any, recorded: Callable
     """Load, play, reset and unload: each whole run is recorded, and equal to one that was launched."""
     undisturbed, out, playing = recorded("idm", "litsim"), graph.folder / "served", msg.SimulationState.STATE_PLAYING
     options = ("--ego", "idm", "--policy", "litsim", "--answer-timeout", "60")
-    server = graph.start_program("litsim_sim", "serve", "--domain-id", graph.domain, "--out", out, *options)
+    where = ("--worlds", graph.folder)
+    server = graph.start_program("litsim_sim", "serve", "--domain-id", graph.domain, "--out", out, *where, *options)
     with Observer(graph.domain) as client:
 
         def call(kind: Any, name: str, **fields: Any) -> Any:
@@ -73,7 +74,7 @@ def test_scenarios_are_served_one_after_the_other(graph: Any, recorded: Callable
 
         refused = load("nowhere")
         assert refused.result.result == refused.RESOURCE_PARSE_ERROR
-        assert "nowhere: no such scenario" in refused.result.error_message
+        assert "'nowhere': no such scenario" in refused.result.error_message
         nothing = call(srv.UnloadWorld, "unload_world")
         assert nothing.result.result == nothing.NO_WORLD_LOADED
         loaded = load(str(graph.scenario()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,8 +15,10 @@ pytest.importorskip("simulation_interfaces", reason="simulation_interfaces is no
 from geometry_msgs.msg import Vector3
 from simulation_interfaces import msg, srv
 
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, Controller, Kind
-from litsim_sim.nodes.simulation_services import FEATURES, REFUSED, SimulationServices
+from litsim_sim.nodes.simulation_server import SimulationServer
+from litsim_sim.nodes.simulation_services import FEATURES, REFUSED, SimulationServices, answering
 
 RESULT = msg.Result
 
@@ -142,6 +146,46 @@ def bounds(kind: int, *points: tuple[float, float]) -> Any:
 )
 def test_filters(scene: Services, filters: dict[str, Any], names: list[str]) -> None:
     assert list(scene.call("GetEntities", filters=msg.EntityFilters(**filters)).entities) == names
+
+
+@pytest.mark.parametrize(
+    ("filters", "said"),
+    [
+        ({"filter": 499 * "(" + 499 * ")"}, ""),
+        ({"filter": 5000 * "a"}, "filters: characters of the filter: 5000, expected at most 1000"),
+        ({"filter": "a{99999999999999999999}"}, "filters: "),
+        ({"bounds": bounds(msg.Bounds.TYPE_SPHERE, (0.0, 0.0), (float("nan"), 0.0))}, "filters: bounds have a point"),
+        ({"bounds": bounds(msg.Bounds.TYPE_BOX, (float("inf"), 0.0), (1.0, 0.0))}, "filters: bounds have a point"),
+        ({"bounds": bounds(msg.Bounds.TYPE_SPHERE, (0.0, 0.0), (1e308, 0.0))}, ""),
+    ],
+)
+def test_no_filter_ends_the_run(scene: Services, filters: dict[str, Any], said: str) -> None:
+    result = scene.call("GetEntities", filters=msg.EntityFilters(**filters)).result
+    assert result.error_message.startswith(said) and scene.run.next_step()
+
+
+def test_an_error_of_ours_is_the_answer_to_its_request() -> None:
+    def fail(*_: Any) -> None:
+        raise KeyError("made")
+
+    result = answering(fail)(None, srv.GetEntities.Response()).result
+    assert result.result == RESULT.RESULT_OPERATION_FAILED and "KeyError: 'made'" in result.error_message
+
+
+def test_a_server_gives_packaged_scenarios_and_files_of_its_folder(tmp_path: Path) -> None:
+    server: Any = SimpleNamespace(_worlds=tmp_path / "given")
+    (tmp_path / "given").mkdir()
+    for name in ("secret.yaml", "given/mine.yaml"):
+        (tmp_path / name).write_text("name: mine")
+    (tmp_path / "given/link.yaml").symlink_to(tmp_path / "secret.yaml")
+    permitted = partial(SimulationServer._permitted, server)
+    assert [permitted("demo"), permitted("mine.yaml")] == ["demo", str(tmp_path / "given/mine.yaml")]
+    for elsewhere in ("../secret.yaml", str(tmp_path / "secret.yaml"), "link.yaml", "/etc/passwd", "gone.yaml"):
+        with pytest.raises(InputError, match=r": no such scenario, expected one of .*demo"):
+            permitted(elsewhere)
+    server._worlds = None
+    with pytest.raises(InputError, match=r"no such scenario"):
+        permitted(str(tmp_path / "given/mine.yaml"))
 
 
 def test_what_cannot_be_done_says_why(scene: Services) -> None:

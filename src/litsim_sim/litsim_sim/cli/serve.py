@@ -19,12 +19,18 @@ def parser() -> Parser:
     p = Parser(
         prog="serve",
         description=__doc__,
-        usage="serve [-h] [--domain-id N] [--out FOLDER] [OPTIONS OF launch] [-- COMMAND ...]",
+        usage="serve [-h] [--domain-id N] [--out FOLDER] [--worlds FOLDER] [OPTIONS OF launch] [-- COMMAND ...]",
         epilog="Each run waits at step 0 until the client sets STATE_PLAYING, or makes steps.",
     )
     p.add_argument("--domain-id", type=int, help="default: ROS_DOMAIN_ID, else 0")
     p.add_argument(
         "--out", type=Path, default=Path("bags/served"), metavar="FOLDER", help="of the records (default: bags/served)"
+    )
+    p.add_argument(
+        "--worlds",
+        type=Path,
+        metavar="FOLDER",
+        help="with scenario files that clients may load; default: packaged ones",
     )
     return p
 
@@ -40,8 +46,10 @@ def main(argv: list[str] | None = None) -> None:
         raise InputError("serve: the policies of DDS Security do not have its services")
     if arguments.domain_id is not None:
         os.environ["ROS_DOMAIN_ID"] = str(arguments.domain_id)
+    if arguments.worlds is not None and not arguments.worlds.is_dir():
+        raise InputError(f"{arguments.worlds}: no such folder of scenarios")
     make_folder(arguments.out)
     from litsim_sim.nodes.simulation_server import serve_simulations  # ROS takes a moment to load
 
     sys.argv[1:] = []  # read by rclpy's initialisation
-    serve_simulations(options, words[at + 1 :], arguments.out)
+    serve_simulations(options, words[at + 1 :], arguments.out, arguments.worlds)

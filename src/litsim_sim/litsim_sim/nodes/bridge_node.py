@@ -26,7 +26,7 @@ from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence, rivalry
 from litsim_sim.nodes.publishers import WATCH_S, Visits, check_publishers, owners
 from litsim_sim.nodes.responses import ResponseCollector, RunFailed, StageLiveness
-from litsim_sim.nodes.simulation_services import SimulationServices
+from litsim_sim.nodes.simulation_services import NAMESPACE, SimulationServices
 from litsim_sim.record.seal import RunFacts
 from litsim_sim.ros import ego_port, messages, standard
 from litsim_sim.ros.definitions import type_name
@@ -49,6 +49,7 @@ from litsim_sim.ros.topics import (
 from litsim_sim.scenario.run_info import EXTERNAL
 
 PULSE_S = 1.0  # [s] period of signs of life
+PAUSE_S = 3600.0  # [s] longest pause, after which the run ends: whoever has asked for it may be gone
 NOTE_PERIOD = 5.0  # [s] period of repeated lines in the log
 ENDED = {StageState.FINISHED: diagnostics.FINISHED, StageState.FAILED: diagnostics.FAILED}
 
@@ -113,6 +114,7 @@ class BridgeNode(Node):
         for topic in (HELLO, RUN_INFO):
             self._subscribe(topic, lambda m: self.liveness.take_run(m.run_id))
         self._simulation = SimulationServices.on(self, plan, served=chosen.served)
+        self._told_of_pause = False
         self._executor = executor_of(self)
 
     def _subscribe(self, topic: Topic, receive: Callable[[Any], None]) -> None:
@@ -148,9 +150,15 @@ class BridgeNode(Node):
             self._simulation.show(table)
 
     def hold(self) -> None:
-        """Wait as long as the run is paused."""
-        if self._simulation:
-            self.serve_until(self._simulation.next_step, math.inf)
+        """Wait as long as the run is paused, of which the user is told; raises RunFailed after PAUSE_S."""
+        simulation = self._simulation
+        if simulation is None:
+            return
+        if simulation.paused and not self._told_of_pause:
+            self.pulse.say("note", f"paused at step {self.responses.step}, as a client of {NAMESPACE} has asked")
+        self._told_of_pause = simulation.paused
+        if not self.serve_until(simulation.next_step, time.perf_counter() + PAUSE_S):
+            raise RunFailed(f"paused by a client for {PAUSE_S:g} s, and nobody lets the run go on")
 
     def accompany(self, table: AgentTable) -> None:
         """Publish the other messages of the last step shown: clock, state of the ego, standard types, diagnostics."""

@@ -14,11 +14,11 @@ from typing import Any
 
 from rclpy.node import Node
 
-from litsim_sim.core.errors import InputError, not_installed, reason
+from litsim_sim.core.errors import InputError, not_installed, printable, reason, shown
 from litsim_sim.launch.nodes import find_executable
 from litsim_sim.nodes.simulation_services import Refused, answering, msg, service_name, srv, world_of
 from litsim_sim.ros.process import executor_of, process, serve
-from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.scenario.scenario import Scenario, packaged_scenarios
 
 NAME = "litsim_server"
 LOOK_S = 0.05  # [s] between two looks at what a launch does
@@ -28,12 +28,16 @@ END_S = 60.0  # [s] by which a launch that is interrupted has ended
 class SimulationServer(Node):
     """Starts and ends launches as its services are asked to."""
 
-    def __init__(self, options: Sequence[str], command: Sequence[str], out: Path) -> None:
-        """Make it, to launch with `options` and the `command` of a stack, and to record into folders in `out`."""
+    def __init__(self, options: Sequence[str], command: Sequence[str], out: Path, worlds: Path | None = None) -> None:
+        """Make it, to launch with `options` and the `command` of a stack, and to record into folders in `out`.
+
+        Clients may load scenarios of the package, and the files in the folder `worlds`.
+        """
         if srv is None:
             raise not_installed("simulation_interfaces")
         super().__init__(NAME)
         self._options, self._command, self._out = [*options], [*command], out
+        self._worlds = None if worlds is None else worlds.resolve()
         self._scenario = ""  # the last that was loaded: its name or file
         self._run: subprocess.Popen[bytes] | None = None
         self._ready = self.create_client(srv.GetSimulationState, service_name("GetSimulationState"))
@@ -60,12 +64,28 @@ class SimulationServer(Node):
         if not wanted:
             raise Refused(response.NO_RESOURCE, "uri is empty, expected a scenario: a name or a file")
         try:
-            world = world_of(Scenario.load(wanted).name)
+            scenario = self._permitted(wanted)
+            world = world_of(Scenario.load(scenario).name)
         except InputError as error:
-            raise Refused(response.RESOURCE_PARSE_ERROR, reason(error)) from error
-        self._scenario = wanted
+            raise Refused(response.RESOURCE_PARSE_ERROR, printable(reason(error))) from error
+        self._scenario = scenario
         self._begin()
         response.world = world
+
+    def _permitted(self, wanted: str) -> str:
+        """Returns a scenario that a client wants: a name, or the path of a file that the server was told to give.
+
+        Raises:
+            InputError: there is none, or it is elsewhere, of which nothing is told.
+        """
+        if wanted in packaged_scenarios():
+            return wanted
+        if self._worlds is not None:
+            path = (self._worlds / wanted).resolve()
+            if path.is_relative_to(self._worlds) and path.is_file():
+                return str(path)
+        files = "" if self._worlds is None else ", and files in the folder of --worlds"
+        raise InputError(f"{shown(wanted)}: no such scenario, expected one of {', '.join(packaged_scenarios())}{files}")
 
     def _unload(self, _: Any, response: Any) -> None:
         if self._run is None or self._run.poll() is not None:
@@ -83,7 +103,10 @@ class SimulationServer(Node):
     def _begin(self) -> None:
         """Launches the scenario in place of the run that is on, until its bridge has services."""
         self.end_run()
+        until = time.monotonic() + END_S
         while self._ready.service_is_ready():  # that of the last bridge, whose end is not known here yet
+            if time.monotonic() > until:
+                raise Refused(msg.Result.RESULT_OPERATION_FAILED, "another run is on in this domain")
             time.sleep(LOOK_S)
         count = len([*self._out.glob("[0-9]*")])
         own = ["--scenario", self._scenario, "--out", str(self._out / f"{count:03}"), "--served"]
@@ -98,10 +121,10 @@ class SimulationServer(Node):
             time.sleep(LOOK_S)
 
 
-def serve_simulations(options: Sequence[str], command: Sequence[str], out: Path) -> None:
+def serve_simulations(options: Sequence[str], command: Sequence[str], out: Path, worlds: Path | None) -> None:
     """Serves until Ctrl-C, with the arguments of :class:`SimulationServer`."""
     with process(interrupted=0):
-        node = SimulationServer(options, command, out)
+        node = SimulationServer(options, command, out, worlds)
         executor = executor_of(node)
         try:
             while True:

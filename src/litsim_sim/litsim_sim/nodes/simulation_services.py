@@ -15,6 +15,8 @@ import shapely
 from geometry_msgs.msg import Vector3
 from rclpy.node import Node
 
+from litsim_sim.core.budgets import check_budget
+from litsim_sim.core.errors import printable, reason
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import AgentTable, Controller, Kind
 from litsim_sim.core.vehicle_geometry import HEIGHTS
@@ -65,6 +67,7 @@ FEATURES = (
 """What is supported, by the constants of ``SimulatorFeatures``."""
 
 
+FILTER_MAX = 1000  # characters of a regular expression, which takes time to compile, and may take it to match
 LATER = object()
 """What a callback returns for a response that is sent later: rclpy has no other way, but asks nothing of it."""
 
@@ -257,8 +260,9 @@ class SimulationServices:
         if self._table is None:
             raise Refused(msg.Result.RESULT_INCORRECT_STATE, "step 0 is not there yet")
         try:
+            check_budget("characters of the filter", len(filters.filter), FILTER_MAX)
             name, area = re.compile(filters.filter), _area(filters.bounds)
-        except (re.error, ValueError) as error:
+        except (re.error, ValueError, OverflowError, RecursionError) as error:
             raise Refused(msg.Result.RESULT_OPERATION_FAILED, f"filters: {error}") from error
         categories, tags = {each.category for each in filters.categories}, set(filters.tags.tags)
         every = filters.tags.filter_mode == filters.tags.FILTER_MODE_ALL
@@ -275,8 +279,14 @@ class SimulationServices:
 
 
 def _area(bounds: Any) -> Any:
-    """Returns the area of some bounds; None if they are empty. Raises ValueError if they have too few points."""
+    """Returns the area of some bounds; None if they are empty.
+
+    Raises:
+        ValueError: they have too few points, or not numbers.
+    """
     kinds, points = msg.Bounds, [(point.x, point.y) for point in bounds.points]
+    if not np.isfinite(points).all():
+        raise ValueError("bounds have a point that is not finite")
     if bounds.type == kinds.TYPE_EMPTY:
         return None
     if bounds.type == kinds.TYPE_CONVEX_HULL and len(points) > 2:
@@ -298,7 +308,10 @@ def _refuser(reason: str) -> Callable[[Any, Any], object]:
 
 
 def answering(answer: Callable[[Any, Any], object]) -> Callable[[Any, Any], Any]:
-    """Returns the callback of a service: `answer` fills the response in, raises :class:`Refused`, or asks for time."""
+    """Returns the callback of a service: `answer` fills the response in, raises :class:`Refused`, or asks for time.
+
+    Any other error is the answer to the request that has caused it.
+    """
 
     def call(request: Any, response: Any) -> Any:
         result = result_of(msg.Result.RESULT_OK)
@@ -307,6 +320,8 @@ def answering(answer: Callable[[Any, Any], object]) -> Callable[[Any, Any], Any]
                 return LATER
         except Refused as refused:
             result = result_of(*refused.args)
+        except Exception as error:  # noqa: BLE001 - whatever a client asks for, the run and the server go on
+            result = result_of(msg.Result.RESULT_OPERATION_FAILED, printable(reason(error)))
         if hasattr(response, "result"):  # the response with the features has none
             response.result = result
         return response
