@@ -78,6 +78,14 @@ def test_a_reader_that_has_gone_is_no_traceback() -> None:
     process.stderr.close()
 
 
+def test_a_program_whose_output_is_closed_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    program(lambda: print("said"))()
+    monkeypatch.setattr(sys, "stderr", None)
+    with pytest.raises(SystemExit, match="1"):
+        program(lambda: 1)()
+
+
 def test_a_run_that_is_not_valid_fails_and_says_why(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_status({"valid": True, "why": ""}, "bags/a") == 0
     assert capsys.readouterr().err == ""

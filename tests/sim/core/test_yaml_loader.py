@@ -31,6 +31,14 @@ def test_names_that_look_like_numbers_are_text(text: str) -> None:
     assert load(text) == text
 
 
+@pytest.mark.parametrize(
+    "text", ["!!timestamp x", "!!bool x", '!!int ""', "!!float x", "2026-13-40", "!!timestamp {a: 1}", "!!binary é"]
+)
+def test_a_value_that_its_tag_does_not_have_is_told_with_its_line(text: str) -> None:
+    with pytest.raises(yaml.YAMLError, match=r"line 2, column 4"):
+        load_yaml(f"b: 1\na: {text}")
+
+
 NINE_TIMES = "[" + ", ".join(["*{}"] * 9) + "]"
 
 

@@ -47,6 +47,7 @@ OVERLAP_S = 1.0  # [s] for which a pair of vehicles must overlap to be reported
 CLOCK = "time_of_frame_0_s"  # note of the header: clock time of the file at frame 0
 AHEAD = {"front_centre": -0.5, "box_centre": 0.0, "rear_axle": VehicleLimits.rear_axle, "box_corner": 0.0}
 """Distance of the box centre ahead of the reference point, in lengths; corners are converted to centres on reading."""
+NUMBER_MAX = 1e20  # of any column, such as times since 1970 in ns; squares of larger ones overflow
 DERIVED = ("yaw", "speed", "acceleration")  # optional columns
 NUMBERS = {kind.name.lower(): int(kind) for kind in Kind}
 
@@ -158,7 +159,7 @@ def _in_si(raw: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.
 
     def numbers(name: str, unit: str = "m") -> FloatArray:
         values = pd.to_numeric(raw[name], errors="coerce").to_numpy(np.float64, na_value=np.nan)
-        bad = ~np.isfinite(values)
+        bad = ~(np.abs(values) <= NUMBER_MAX)
         if bad.any():
             first_bad = int(np.argmax(bad))
             ours = name.removesuffix("_x").removesuffix("_y")
@@ -168,8 +169,9 @@ def _in_si(raw: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.
                 "leaves such rows out, with gaps of up to half a second interpolated"
             ) * (ours in DERIVED)
             content = "empty or nan" if pd.isna(cell) else repr(str(cell))
+            most = "" if np.isnan(values[first_bad]) else f" of at most {NUMBER_MAX:g}"
             raise InputError(
-                f"{source.at(row[first_bad])}: column {theirs!r} is {content}, expected a number; "
+                f"{source.at(row[first_bad])}: column {theirs!r} is {content}, expected a number{most}; "
                 f"{int(bad.sum())} such rows{without}"
             )
         return values * FACTORS[unit]

@@ -47,6 +47,9 @@ def program(main: Callable[P, int | None]) -> Callable[P, None]:
 
     @wraps(main)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        for name in ("stdout", "stderr"):  # None if whoever has started this process has closed it
+            if getattr(sys, name) is None:
+                setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115 - as long as the process lives
         try:
             status = main(*args, **kwargs)
             sys.stdout.flush()

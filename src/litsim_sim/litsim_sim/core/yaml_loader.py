@@ -7,7 +7,8 @@ from typing import Any
 
 import yaml
 
-INT, FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
+TAGS = "tag:yaml.org,2002:"
+INT, FLOAT = f"{TAGS}int", f"{TAGS}float"
 DEEPEST = 50  # most levels of nested lists and mappings; usual files have two or three
 NODES_MAX = 250_000  # most values of a text, those of an alias counted at each use; reading so many takes ten seconds
 WITH_EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$")
@@ -54,6 +55,15 @@ class YamlLoader(yaml.SafeLoader):
                 problem=f"more than {NODES_MAX} values, those of aliases counted at each use", problem_mark=mark
             )
         return node
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """Returns the value of a node, as PyYAML does; raises yaml.YAMLError if it does not fit the tag of the node."""
+        try:
+            return super().construct_object(node, deep)
+        except (AttributeError, LookupError, ValueError, OverflowError) as error:
+            because = f": {error}" if isinstance(error, ValueError) else ""
+            text = f"{node.tag.replace(TAGS, '!!')} has no value {node.value!r:.60}{because}"
+            raise yaml.MarkedYAMLError(problem=text, problem_mark=node.start_mark) from error
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Returns a mapping, as PyYAML does; raises yaml.YAMLError if a key occurs twice."""

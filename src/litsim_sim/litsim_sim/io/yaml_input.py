@@ -53,7 +53,7 @@ def load_yaml(text: str | bytes, where: str) -> Any:
     """
     try:
         return yaml_loader.load_yaml(text)
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: a date that is none
+    except yaml.YAMLError as error:
         reason = STREAM_NAME.sub(",", " ".join(str(error).split()))  # `where` has named the file
         raise InputError(f"{where}: malformed YAML: {reason}") from error
 
