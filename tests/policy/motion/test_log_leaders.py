@@ -20,7 +20,7 @@ def follow(make_scenario, track, agent_table):
         log = make_scenario(track(1, x=100.0, y=0.0), track(9, x=300.0), coverage_min=0.0, ego=9).log
         table = agent_table(0, {"id": 1, "x": 100.0}, *others)
         way = np.zeros((VERTICES, 5))
-        return leader_now(way, lay_way(columns_of(log), 0, 0, way), table.arrays, 0, (0, len(table)))
+        return leader_now(way, lay_way(columns_of(log), 0, 0, way), table.arrays, 0, np.arange(len(table)))
 
     return leader
 

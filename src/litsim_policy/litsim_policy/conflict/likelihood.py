@@ -33,7 +33,7 @@ from litsim_policy.motion.speed_change import (
     log_chance,
     packaged_speed_change,
 )
-from litsim_sim.core.pair_geometry import within_scenes
+from litsim_sim.core.pair_geometry import behind_scene
 from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.core.takeover import TakeoverReason
 from litsim_sim.kernels.compiled import Bools, Floats, Ints, OutFloats2, kernel
@@ -69,19 +69,23 @@ class LogRatios:
 
 
 class Judged(NamedTuple):
-    """m agents whose logs are judged: rows in the table and in the log, the present step of the log, and how.
+    """Whose logs are judged, of the n agents of a step, and where these logs are.
 
     Attributes:
-        row, log_row, step: (m,).
-        lagged: (m,) whether the log lags, so that it does not know who is ahead.
-        driven: (m,) whether the agent is off its log: its present speed counts in place of that of its log.
+        which: (n,) whether it is.
+        log_row: (n,) of the agent in the log.
+        step: (n,) present step of its log.
+        lagged: (n,) whether its log lags, so that it does not know who is ahead.
+        driven: (n,) whether it is off its log: its present speed counts in place of that of its log.
+        changed: (n,) whether it is off its log and not where it was recorded.
     """
 
-    row: Ints
+    which: Bools
     log_row: Ints
     step: Ints
     lagged: Bools
     driven: Bools
+    changed: Bools
 
 
 @dataclass
@@ -109,17 +113,13 @@ class LogLikelihood:
 
         They are judged behind leaders that are not where they were recorded; those with a lag behind any.
         """
-        recorded = as_recorded(self.log, table)
-        row = judged.nonzero()[0]
-        log_row = self.log.ids.searchsorted(table.id[row])
-        step = np.minimum(table.step - lag[row], self.log.last_step[log_row])
-        logged = step >= self.log.first_step[log_row]
-        row, log_row, step = row[logged], log_row[logged], step[logged]
-        which = Judged(row, log_row, step, lag[row] > 0, table.off_log[row])
+        log, recorded, off_log = self.log, as_recorded(self.log, table), table.off_log
+        log_row = log.ids.searchsorted(table.id)
+        step = np.minimum(table.step - lag, log.last_step[log_row])
+        which = judged & (step >= log.first_step[log_row])
         agents = table.arrays._replace(acceleration=self._accelerations(table))
-        off_record = (table.off_log & ~recorded).nonzero()[0]
-        habits = self._habits
-        ratio, leader = _log_ratios(which, agents, off_record, habits.columns, habits.seen, self.density)
+        whose = Judged(which, log_row, step, lag > 0, off_log, off_log & ~recorded)
+        ratio, leader = _log_ratios(whose, agents, self._habits.columns, self._habits.seen, self.density)
         return LogRatios(ratio, leader, lag, recorded)
 
     def _accelerations(self, table: AgentTable) -> FloatArray:
@@ -172,10 +172,9 @@ def with_changed(conflicts: list[Conflict], ratios: LogRatios, table: AgentTable
 
 @kernel
 def _may_be_led(agents: AgentArrays, row: int, leaders: Ints) -> bool:
-    """Returns whether one of the agents in the rows `leaders` may lead the one in `row`."""
+    """Returns whether one of the agents in the rows `leaders` of its scene may lead the one in `row`."""
     for j in leaders:
-        dx, dy = agents.x[j] - agents.x[row], agents.y[j] - agents.y[row]
-        if j != row and agents.scene[j] == agents.scene[row] and may_lead(dx, dy, agents.yaw[row]):
+        if j != row and may_lead(agents.x[j] - agents.x[row], agents.y[j] - agents.y[row], agents.yaw[row]):
             return True
     return False
 
@@ -215,26 +214,32 @@ def _log_chance_of_plan(
 
 @kernel
 def _log_ratios(
-    judged: Judged, agents: AgentArrays, off_record: Ints, log: LogColumns, habits: OutFloats2, density: SpeedChange
+    judged: Judged, agents: AgentArrays, log: LogColumns, habits: OutFloats2, density: SpeedChange
 ) -> tuple[Floats, Ints]:
-    """See :meth:`LogLikelihood.at`; `off_record` are the rows of agents that are not where they were recorded."""
+    """See :meth:`LogLikelihood.at`.
+
+    Agents that none of the changed ones could lead, even if nobody else were there, are passed over.
+    """
     ratio, leaders = np.zeros(len(agents.x)), np.full(len(agents.x), -1, np.int64)
-    changed = np.zeros(len(agents.x), np.bool_)
-    changed[off_record] = True
-    begin, end = within_scenes(agents.scene, judged.row)
-    way = np.empty((VERTICES, 5))
-    for k in range(len(judged.row)):
-        i, row, step = judged.row[k], judged.log_row[k], judged.step[k]
-        if not (judged.lagged[k] or _may_be_led(agents, i, off_record)):
+    changed, end, way = judged.changed.nonzero()[0], 0, np.empty((VERTICES, 5))
+    scene = changed_here = np.arange(0)
+    for i in range(len(agents.x)):
+        if i == end:
+            end = behind_scene(agents.scene, i)
+            scene, changed_here = np.arange(i, end), changed[(changed >= i) & (changed < end)]
+        row, step, lagged = judged.log_row[i], judged.step[i], judged.lagged[i]
+        if not (judged.which[i] and (lagged or _may_be_led(agents, i, changed_here))):
             continue
         count = lay_way(log, row, step, way)
-        leader = leader_now(way, count, agents, i, (begin[k], end[k]))
-        if leader.row < 0 or not (judged.lagged[k] or changed[leader.row]):
+        if not lagged and leader_now(way, count, agents, i, changed_here).row < 0:
+            continue
+        leader = leader_now(way, count, agents, i, scene)
+        if leader.row < 0 or not (lagged or judged.changed[leader.row]):
             continue
         recorded = logged_leader(way, count, log, row, step)
         usual = usual_headway(log, row, step, habits, way)
         planned = _planned_speed(log, row, step)
-        speed = agents.speed[i] if judged.driven[k] else planned
+        speed = agents.speed[i] if judged.driven[i] else planned
         now = _log_chance_of_plan(log, row, step, speed, leader, usual, density)
         then = _log_chance_of_plan(log, row, step, planned, recorded, usual, density)
         ratio[i], leaders[i] = now - then, leader.row

@@ -17,6 +17,7 @@ SIGHT = 60.0  # [m] range of leaders
 BEHIND = 2.0  # [m] by which the centre of a leader may be behind
 SPACING = 0.5  # [m] least length of a segment of the way: recorded positions jitter when vehicles stand
 ANTICIPATION = 1.0  # [s] for which others are expected to move on sideways: who is about to enter the way leads
+ROUNDING = 1e-6  # [m] by which computed distances may differ from true ones, and more
 BACK = 5  # [steps] over which the acceleration of a leader is taken
 VERTICES = int(SIGHT / SPACING) + 2
 X, Y, S, UNIT_X, UNIT_Y = range(5)  # columns of a way
@@ -104,9 +105,17 @@ def lay_way(log: LogColumns, row: int, step: int, way: OutFloats2) -> int:
 
 @kernel
 def place_on(way: Floats2, count: int, x: float, y: float) -> tuple[float, float, float, float]:
-    """Returns arc length and offset to the left [m] of a position on a way of `count` vertices, and its direction."""
-    best, s, d, unit_x, unit_y = np.inf, 0.0, 0.0, 1.0, 0.0
+    """Returns arc length and offset to the left [m] of a position on a way of `count` vertices, and its direction.
+
+    A way comes nearer by at most its own length: segments that lie too soon behind another to be the nearest are
+    passed over. One vertex, about as far along the way as the position is away, bounds the distance of the nearest.
+    """
+    ahead = int(np.searchsorted(way[1:count, S], math.hypot(x - way[0, X], y - way[0, Y])))
+    least = math.hypot(x - way[ahead, X], y - way[ahead, Y]) + ROUNDING
+    best, s, d, unit_x, unit_y, passed = np.inf, 0.0, 0.0, 1.0, 0.0, -np.inf
     for k in range(count):
+        if k < count - 1 and way[k + 1, S] < passed:
+            continue
         dx, dy = x - way[k, X], y - way[k, Y]
         along = dx * way[k, UNIT_X] + dy * way[k, UNIT_Y]
         if k > 0:
@@ -115,6 +124,7 @@ def place_on(way: Floats2, count: int, x: float, y: float) -> tuple[float, float
             along = min(along, way[k + 1, S] - way[k, S])
         off_x, off_y = dx - along * way[k, UNIT_X], dy - along * way[k, UNIT_Y]
         square = off_x * off_x + off_y * off_y
+        passed = way[k, S] + along + math.sqrt(square) - least
         if square < best:
             best, s, unit_x, unit_y = square, way[k, S] + along, way[k, UNIT_X], way[k, UNIT_Y]
             d = unit_x * dy - unit_y * dx
@@ -164,14 +174,14 @@ def logged_vehicle(log: LogColumns, row: int, step: int) -> Vehicle:
 
 
 @kernel
-def leader_now(way: Floats2, count: int, agents: AgentArrays, row: int, scene: tuple[int, int]) -> Leader:
-    """Returns the leader of the agent in `row` on its way; rows of its `scene` are from the first to the second.
+def leader_now(way: Floats2, count: int, agents: AgentArrays, row: int, others: Ints) -> Leader:
+    """Returns the leader of the agent in `row` on its way, of those in the rows `others` of its scene.
 
     The acceleration is that of the step.
     """
     own, leader = vehicle_of(agents, row), Leader(-1, np.inf, 0.0, 0.0)
     s, d, _, _ = place_on(way, count, own.x, own.y)
-    for j in range(scene[0], scene[1]):
+    for j in others:
         if j != row and may_lead(agents.x[j] - own.x, agents.y[j] - own.y, own.yaw):
             gap, speed = gap_ahead(way, count, own, (s, d), vehicle_of(agents, j))
             if gap < leader.gap:
