@@ -120,6 +120,13 @@ def _layer(inputs: Floats, weight: Floats2, bias: Floats, outputs: OutFloats) ->
 
 
 @kernel
+def _squash(values: OutFloats) -> None:
+    """Replace `values` by their hyperbolic tangents; `math.tanh` branches by value, and takes three times as long."""
+    for k in range(len(values)):
+        values[k] = 1.0 - 2.0 / (math.exp(2.0 * values[k]) + 1.0)
+
+
+@kernel
 def _chance_of(change: float, mixture: Floats) -> float:
     """Returns the probability of at least `change` [m/s]; a mixture is logits, then means, then log-spreads."""
     top = mixture[0]
@@ -143,11 +150,9 @@ def log_chance(change: float, situation: Situation, density: SpeedChange) -> flo
     chance, count = 0.0, len(density.first)
     for e in range(count):
         _layer(features, density.first[e], density.first_bias[e], hidden)
-        for k in range(HIDDEN):
-            hidden[k] = math.tanh(hidden[k])
+        _squash(hidden)
         _layer(hidden, density.second[e], density.second_bias[e], deep)
-        for k in range(HIDDEN):
-            deep[k] = math.tanh(deep[k])
+        _squash(deep)
         _layer(deep, density.last[e], density.last_bias[e], output)
         chance += _chance_of(change, output)
     return math.log(max(chance / count, CHANCE_MIN))
