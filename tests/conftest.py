@@ -1,7 +1,5 @@
 """Agent tables and scenarios made by hand, and a client of Foxglove's servers, for every test."""
 
-from __future__ import annotations
-
 import atexit
 import json
 import os

@@ -1,7 +1,5 @@
 """`--ego autoware` in launches and campaigns: an external ego, which the adapter's program starts."""
 
-from __future__ import annotations
-
 import pytest
 
 from litsim_eval.campaign.suite import EgoSetup

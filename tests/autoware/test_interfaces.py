@@ -4,8 +4,6 @@ The table is made from common/autoware_component_interface_specs/include/autowar
 autoware_core at 2d693b8: control, localization, perception, planning, system, vehicle. All are reliable with depth 1.
 """
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("autoware_adapi_v1_msgs", reason="Autoware's messages are not built (tools/interfaces.sh)")

@@ -1,7 +1,5 @@
 """Messages written as arrays are what rclpy writes of the message objects, byte by byte."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

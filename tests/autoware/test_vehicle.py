@@ -1,7 +1,5 @@
 """Motion of the rear axle, commands and trajectories, and the time of a stack, without ROS."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import pi
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Files of recordings whose text or columns somebody has spoilt: a sound recording, or one line that names the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Published formats become recordings; generated ones are repeatable and sound; `data` says what is wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

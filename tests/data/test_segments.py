@@ -1,7 +1,5 @@
 """Segments: where recordings are cut, who can be the ego, and that a manifest reproduces all of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The table of bad input in docs/faults.md: everything in it is tried, and what it quotes is what is said."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

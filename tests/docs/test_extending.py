@@ -1,7 +1,5 @@
 """The code of docs/extending.md is that of the example package."""
 
-from __future__ import annotations
-
 import re
 
 from documentation import ROOT

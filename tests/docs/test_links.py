@@ -1,7 +1,5 @@
 """Links of the documentation, as CommonMark reads them: every file and anchor that they name is there."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from functools import cache

@@ -1,7 +1,5 @@
 """Tables of the documentation: each row has the cells of its head; what is beyond is not shown, without a word."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from itertools import pairwise

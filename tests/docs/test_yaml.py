@@ -1,7 +1,5 @@
 """Files in YAML that the documentation shows can be read as they are."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

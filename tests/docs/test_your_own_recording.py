@@ -1,7 +1,5 @@
 """docs/your-own-recording.md: every command on the page is run in order, and prints what the page shows."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess

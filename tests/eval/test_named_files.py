@@ -1,7 +1,5 @@
 """Paths that users name are opened in one way: no reader waits for a pipe, reads a device, or fills the memory."""
 
-from __future__ import annotations
-
 import gzip
 import os
 import re

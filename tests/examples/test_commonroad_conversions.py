@@ -1,7 +1,5 @@
 """The example's conversions read what the bridge publishes and write what the port accepts; no planner is needed."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from collections.abc import Callable

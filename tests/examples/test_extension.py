@@ -1,7 +1,5 @@
 """A package outside of the tree adds a policy, a measure and a format of recordings, without an edit to LitSim."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

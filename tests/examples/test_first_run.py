@@ -1,7 +1,5 @@
 """The notebook of the first run: its cells run one after the other, and show what they say."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

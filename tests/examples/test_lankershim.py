@@ -1,7 +1,5 @@
 """The timing plan and the windows of examples/lankershim, and the fit of the plan's offset to vehicles."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The example exports a log and a map that py123d itself has written; tests/data/sources imports what it exports."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

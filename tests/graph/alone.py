@@ -1,7 +1,5 @@
 """Runs a command in a network of its own, in which there is nothing but the loopback interface."""
 
-from __future__ import annotations
-
 import ctypes
 import fcntl
 import os

@@ -1,7 +1,5 @@
 """An ego that is ready, and fails at step 5."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from litsim_policy.ego.node import EgoNode

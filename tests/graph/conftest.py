@@ -1,7 +1,5 @@
 """Graphs over real DDS: each in a domain of its own, on this machine, and ended whatever a test does."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

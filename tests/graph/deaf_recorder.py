@@ -1,7 +1,5 @@
 """The recorder, but for one message that does not reach it: the ego's state at step 7."""
 
-from __future__ import annotations
-
 from litsim_sim.nodes import recorder
 from litsim_sim.ros.topics import EGO_STATE, Topic
 

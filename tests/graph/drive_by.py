@@ -3,8 +3,6 @@
 It follows /plan, if there is one, and keeps the speed at which it begins; by /scan it brakes for what is ahead.
 """
 
-from __future__ import annotations
-
 import sys
 from math import atan
 from typing import Any

@@ -3,8 +3,6 @@
 Brakes gently on a straight line, in LitSim's frame and units. Options make it fail in the ways that stacks do.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from pathlib import Path

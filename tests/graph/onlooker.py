@@ -3,8 +3,6 @@
 Says which endpoints there are, by then or when its time is over.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

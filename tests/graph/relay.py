@@ -4,8 +4,6 @@ Who publishes is remapped to publish below BEFORE; whoever listens hears what th
 depends on the step of a message and on how often that step has come, not on any clock; each deed is a line on stdout.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import time

@@ -1,7 +1,5 @@
 """The recorder, on a disk that hangs: what is to be written at step 5 takes until a file is there."""
 
-from __future__ import annotations
-
 import sys
 import time
 from pathlib import Path

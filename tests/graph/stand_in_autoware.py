@@ -5,8 +5,6 @@ read from a topic. The controller runs on a timer of 30 ms and stamps its comman
 autoware_simple_pure_pursuit does. Services refuse until what they need is there.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

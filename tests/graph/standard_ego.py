@@ -1,7 +1,5 @@
 """Somebody else's stack on standard messages alone, at constant speed straight on; it goes wrong in one way."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import time

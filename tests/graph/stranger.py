@@ -3,8 +3,6 @@
 Numbers that are none, arrays that are empty or of unequal lengths, ids twice, and stamps of about now.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Autoware through its adapter: a stand-in that knows only Autoware's topics and services drives, twice the same."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections import Counter

@@ -1,7 +1,5 @@
 """What cannot work is refused in one line that says where and what was expected; nobody waits for ever."""
 
-from __future__ import annotations
-
 import signal
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Campaigns over DDS: runs side by side, each in a domain of its own; a stack that fails fails its runs alone."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import signal

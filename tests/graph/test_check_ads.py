@@ -1,7 +1,5 @@
 """`check_ads` passes a stack that keeps the contract, and of one that breaks it fails the clause that says so."""
 
-from __future__ import annotations
-
 import json
 import signal
 import sys

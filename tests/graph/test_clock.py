@@ -1,7 +1,5 @@
 """A stack whose timers run on simulation time starts and drives; the clock never goes back or leaps; frames follow."""
 
-from __future__ import annotations
-
 import json
 import sys
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """A planner that is not ours drives the demo's ego through the port, from an environment that does not know us."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The same scenario and seed give the same run: twice over DDS, in one process, and in reruns."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

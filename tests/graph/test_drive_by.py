@@ -1,7 +1,5 @@
 """The examples for Ackermann steering and for nav2 let a stack drive that knows nothing of LitSim."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from importlib.util import find_spec

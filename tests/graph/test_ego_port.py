@@ -1,7 +1,5 @@
 """The ego port over DDS with standard types: it serves, and whatever comes on it harms nothing else."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Any stack drives the ego over the ego port; one that fails ends the run with a clear word."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -3,8 +3,6 @@
 Other files here have the rest of it: pauses, the launcher, the recorder, two runs on a domain, external egos.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import resource

@@ -1,7 +1,5 @@
 """Nobody changes a run unseen: a foreign publisher on an internal topic ends the run, and is named."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """From a data set as it is published to a verdict on a driving system, in two commands."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The launcher ends every process that it has started, whatever happens, and says what happened."""
 
-from __future__ import annotations
-
 import os
 import signal
 from typing import Any

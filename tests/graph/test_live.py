@@ -1,7 +1,5 @@
 """The live view beside a replay and beside a run."""
 
-from __future__ import annotations
-
 import json
 import re
 import signal

@@ -1,7 +1,5 @@
 """Sockets of a node that stays on this machine."""
 
-from __future__ import annotations
-
 import ipaddress
 import json
 import os

@@ -1,7 +1,5 @@
 """The examples drive the demo's ego, in an environment that knows nothing of LitSim."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -3,8 +3,6 @@
 The stages serve one run after the other.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Two runs at once on one domain: one of them is refused, and the other goes on as if nothing had been."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Processes that are stopped, and continued in time or not; of bridge and recorder, see test_processes.py."""
 
-from __future__ import annotations
-
 import json
 import re
 import signal

@@ -1,7 +1,5 @@
 """In real time nobody is waited for: what comes late is held, counted and recorded, and the run is not valid."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from litsim_eval.report.analyze import analyze

@@ -1,7 +1,5 @@
 """A recorded run is an ordinary rosbag2 bag, whole or cut short."""
 
-from __future__ import annotations
-
 import resource
 import signal
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """A recorded run published again over real DDS."""
 
-from __future__ import annotations
-
 import os
 import pty
 import signal

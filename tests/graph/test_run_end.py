@@ -1,7 +1,5 @@
 """A run over DDS ends when the ego has left the net, as one in process does, and its record says so."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The policy for DDS Security beside what nodes on a running graph have, and how secured runs end on the wheels."""
 
-from __future__ import annotations
-
 import json
 import xml.etree.ElementTree as ET
 from pathlib import Path

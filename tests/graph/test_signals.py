@@ -1,7 +1,5 @@
 """Signals over real DDS: published, recorded, and equal to those of the scenario."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -1,7 +1,5 @@
 """A client of simulation_interfaces pauses a run and makes steps; the run is that which was not disturbed."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from typing import Any

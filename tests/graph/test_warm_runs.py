@@ -1,7 +1,5 @@
 """Campaigns whose graph and stack stay up from run to run: the same results as with a new stack for each."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

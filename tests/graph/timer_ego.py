@@ -1,7 +1,5 @@
 """An ego whose timer runs on simulation time keeps its speed, and writes what it hears of time and frames to a file."""
 
-from __future__ import annotations
-
 import json
 import sys
 from importlib.util import find_spec

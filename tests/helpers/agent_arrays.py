@@ -1,7 +1,5 @@
 """Agents as kernels take them."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """Suites of the demo, their cases, and made results of them."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A forecast for tests."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from litsim_predictor.forecast import Forecast

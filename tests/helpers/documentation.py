@@ -1,7 +1,5 @@
 """The pages of the documentation, which tests read."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,7 +1,5 @@
 """Made-up agents of a scene in the form of a learned predictor's inputs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from litsim_predictor.inference.contract import HISTORY, AgentInputs

@@ -1,7 +1,5 @@
 """Bags as Autoware's drives are recorded: a car, a pedestrian who comes at step 4, the ego, and two traffic lights."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import cos, sin
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Encounters made by hand: a leader brakes, and its follower does so 1 s later. Scenarios are on the net us101_like."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

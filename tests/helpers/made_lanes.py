@@ -1,7 +1,5 @@
 """Lanes made by hand, and positions on them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

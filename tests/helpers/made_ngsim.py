@@ -1,7 +1,5 @@
 """Made-up traffic in NGSIM's official formats."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs made by hand, as arrays and as bags."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from io import BytesIO

@@ -4,8 +4,6 @@ A lane leads east through (0, 0), another one north; the light of the former is 
 for 11 s, car 3 stands on the lane to the north, 4 is parked beside the road, and 5 walks. Nothing in it is real.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Traffic made by hand: vehicles that drive straight, change lanes and brake as told, or follow a path; their log."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

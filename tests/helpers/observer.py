@@ -1,7 +1,5 @@
 """A node of a test, in a context and a domain of its own."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Reader of the containers of ``litsim_eval.report.packing``, like `assets/container.js` in the browser."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

@@ -1,7 +1,5 @@
 """Drivers whose place in a ranking is plain, as functions from an encounter to the agent's track; and encounters."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Polylines for properties of paths."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import strategies as st
 

@@ -3,8 +3,6 @@
 CROSSING.json is `made_sources.crossing()`; DATA becomes a PY123D_DATA_ROOT.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

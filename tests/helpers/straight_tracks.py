@@ -1,7 +1,5 @@
 """Training and evaluation need torch, which `make setup` leaves out where asked to: LITSIM_TORCH=none."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib.util import find_spec
 

@@ -1,7 +1,5 @@
 """Takeovers for tests that need only some of their fields."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

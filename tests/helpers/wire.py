@@ -1,7 +1,5 @@
 """Malformed ROS messages, as from a faulty or foreign node: valid ones with one wrong field."""
 
-from __future__ import annotations
-
 import copy
 from array import array
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What is imported from Python: the example of the page, campaigns and recorded runs."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from textwrap import dedent

@@ -1,7 +1,5 @@
 """Files of parameters in YAML say what each value is, and those of the nodes what the node does without them."""
 
-from __future__ import annotations
-
 import re
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path

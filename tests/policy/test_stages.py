@@ -1,7 +1,5 @@
 """The stages that the packages register, and their parameters checked before a run."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Whom a predictor looks at, and whose forecast somebody reads."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The kinematic predictor on motions whose future is known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields, replace
 from types import SimpleNamespace

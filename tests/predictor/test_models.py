@@ -1,7 +1,5 @@
 """Predictors by name or file: who runs them, and what is told where nobody can."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

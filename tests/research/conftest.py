@@ -1,7 +1,5 @@
 """Scenarios on which policies are trained in tests."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

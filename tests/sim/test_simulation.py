@@ -1,7 +1,5 @@
 """The loop by itself: its runs are those of the in-process runner, alone and together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any

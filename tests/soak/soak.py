@@ -8,8 +8,6 @@ A run that is not as it should be, and whose domain has nodes of others on this 
 the run is done again.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """The soak computes the digests that it expects with the code of numpy that the nodes use."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

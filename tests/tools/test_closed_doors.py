@@ -1,7 +1,5 @@
 """What a run loads holds no code, and asks nobody: no pickles, no network."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

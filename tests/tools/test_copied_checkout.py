@@ -1,7 +1,5 @@
 """A checkout that was copied, with what was built in the original: its scripts name the original's environment."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`tools/draw_seeds.py`: fresh seeds for the commit at hand, and none while there are changes beside it."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from importlib.util import module_from_spec, spec_from_file_location

@@ -1,7 +1,5 @@
 """`tools/figures.py`: figures that are older than their inputs are named, until they are stamped."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from importlib.util import module_from_spec, spec_from_file_location

@@ -1,7 +1,5 @@
 """`pip install .`: one wheel that runs, measures and reports without ROS, as a workspace does."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

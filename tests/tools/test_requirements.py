@@ -1,7 +1,5 @@
 """Every package that the set-up installs is one that was tried, to the byte."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

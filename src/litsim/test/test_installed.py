@@ -1,7 +1,5 @@
 """What `colcon test` proves of this package where it was built: all that it names can be imported."""
 
-from __future__ import annotations
-
 import litsim
 
 

@@ -1,7 +1,5 @@
 """What `colcon test` proves of the loop: the nodes find each other over this machine's DDS and finish a run."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What `colcon test` proves of this package where it was built: each of its executables starts."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

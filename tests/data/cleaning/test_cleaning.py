@@ -1,7 +1,5 @@
 """Cleaned tracks move as vehicles do, agree with themselves, and are nearer to the truth than noisy ones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Noise of recorded motion: what makes a recording one to clean."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """The commands of `data`: converting, looking, drawing, exporting."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`data suite`: arguments, table, picture and file."""
 
-from __future__ import annotations
-
 import shutil
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`data encounters`: what it writes, and what it refuses in one line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

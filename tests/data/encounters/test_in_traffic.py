@@ -1,7 +1,5 @@
 """Encounters of every kind, in traffic made by hand, and what makes none."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 

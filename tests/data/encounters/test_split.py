@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from litsim_data.encounters.split import split_of
 
 

@@ -1,7 +1,5 @@
 """Runs, scenarios and nets in the formats of others, read back by our readers and judged by their authors' checkers."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections import Counter

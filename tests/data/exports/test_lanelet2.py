@@ -1,7 +1,5 @@
 """A net for Autoware: its routing graph is that of the net, its lanes lie where they did, and it is read back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

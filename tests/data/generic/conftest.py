@@ -1,7 +1,5 @@
 """Tables as sources of recordings publish them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Wrong units and conventions are found by what gives them away, and nothing is written."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

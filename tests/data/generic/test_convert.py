@@ -1,7 +1,5 @@
 """Any CSV or Parquet becomes a recording by a mapping: reference points, units, angles, rates, ids."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

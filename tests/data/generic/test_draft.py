@@ -1,7 +1,5 @@
 """A drafted mapping converts the file that it was drafted from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Headings that a table lacks follow from the way of the point that it tracks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

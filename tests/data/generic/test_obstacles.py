@@ -1,7 +1,5 @@
 """Pedestrians and cyclists of a table, kept as obstacles."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

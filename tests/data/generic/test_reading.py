@@ -1,7 +1,5 @@
 """Which rows of a file are taken; of each that is not, the count and the reason are kept."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

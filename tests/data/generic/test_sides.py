@@ -1,7 +1,5 @@
 """An axis that points down is told by the sides on which vehicles drive, with the figures."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any

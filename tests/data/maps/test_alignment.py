@@ -1,7 +1,5 @@
 """The shift and turn by which tracks were moved off their net are found again, and a turn is explained."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Nets of one carriageway, fitted under lane labels, and what the check says of packaged motorways."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

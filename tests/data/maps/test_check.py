@@ -1,7 +1,5 @@
 """The check of a net as a command: what it prints of a net and of tracks with known faults, and its picture."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

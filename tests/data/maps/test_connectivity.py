@@ -1,7 +1,5 @@
 """Lanes that lead nowhere, lanes that nothing leads to, and edges that cross."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Lane graphs as nets: by hand, from CommonRoad, Lanelet2 and OpenDRIVE files that the tests write."""
 
-from __future__ import annotations
-
 import os
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Frame map of an imported Lanelet2 map is that which Autoware finds by map_projector_info.yaml."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree as ET
 

@@ -1,7 +1,5 @@
 """Nets are written whole or not at all."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How positions lie on lanes, and which are the worst misses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

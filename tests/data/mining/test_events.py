@@ -1,7 +1,5 @@
 """Severity, and what an event is in a file."""
 
-from __future__ import annotations
-
 from math import inf
 
 import pytest

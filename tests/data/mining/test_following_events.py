@@ -1,7 +1,5 @@
 """Braking ahead, stop-and-go, following: known numbers, and what is none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Turns, crossings, merges and left turns at a junction of the packaged street."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lane changes: where they begin and end, and what is none."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 

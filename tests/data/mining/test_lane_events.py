@@ -1,7 +1,5 @@
 """Cut-ins, cut-outs, lane changes of the ego, merges: known numbers, and what is none."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import pytest

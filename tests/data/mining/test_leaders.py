@@ -1,7 +1,5 @@
 """Leaders along lanes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What is searched of a scenario: its possible egos, while it runs."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Choices among events."""
 
-from __future__ import annotations
-
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -1,7 +1,5 @@
 """Whether plans and what signals showed protect a turn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Which scenarios are searched, and the file that comes of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

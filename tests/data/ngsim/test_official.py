@@ -1,7 +1,5 @@
 """Official NGSIM files: both formats, every defect with its line."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

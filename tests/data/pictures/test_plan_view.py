@@ -1,7 +1,5 @@
 """What the picture of an intersection shows, and which runs have one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Bags of Autoware pass the checks of tables: tracks, the ego at its box centre, what lights show."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

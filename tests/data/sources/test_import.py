@@ -1,7 +1,5 @@
 """Data sets as they are published become recordings, nets and scenarios; each is written by the tests in its format."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """OpenSCENARIO files of others: start times, positions, parameters, catalogs, and what is not read."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from xml.etree import ElementTree as ET

@@ -1,7 +1,5 @@
 """Post-encroachment times of scenes with answers known in closed form."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Surrogate safety measures on scenes with answers known in closed form."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Generated traffic on both nets: motion that vehicles can make, no contacts, everything repeatable."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Measures by blocks of steps are those of all steps, and take the memory of a block, however long a run is."""
 
-from __future__ import annotations
-
 import json
 import tracemalloc
 from collections.abc import Callable

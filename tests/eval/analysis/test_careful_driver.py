@@ -1,7 +1,5 @@
 """The careful driver of R157 in scenes that he can and cannot manage."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

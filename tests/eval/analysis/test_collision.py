@@ -1,7 +1,5 @@
 """Contacts and whose fault they are: one small scene per verdict, and its twin just beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Comfort bounds, kept and broken one at a time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

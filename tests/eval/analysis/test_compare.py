@@ -1,7 +1,5 @@
 """Measures of runs side by side."""
 
-from __future__ import annotations
-
 import io
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Contacts as stretches of time, and which of them the log excuses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Distances to the log, on offsets that are known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How agents drive under control, in their logs and in all of the log: planted drivers with known figures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import Any
 

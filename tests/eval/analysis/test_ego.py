@@ -1,7 +1,5 @@
 """How the ego drove, beside its log."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from litsim_eval.analysis.ego import ego_motion, minimum_risk_s

@@ -1,7 +1,5 @@
 """Contacts by fault, with the careful driver in either place."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

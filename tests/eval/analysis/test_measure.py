@@ -1,7 +1,5 @@
 """All that shows measures is made from the objects: those of LitSim, and one that a plug-in adds in one place."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from importlib.metadata import EntryPoint
 from importlib.util import module_from_spec, spec_from_file_location

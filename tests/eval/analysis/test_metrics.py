@@ -1,7 +1,5 @@
 """metrics.json: its fields, when a run is valid, and the command that prints it."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

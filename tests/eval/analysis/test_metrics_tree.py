@@ -1,7 +1,5 @@
 """The fields of metrics.json are known before a run, and all that a run has are among them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How far agents travel: one alone, and all of a log together while it knows them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """ReactSim-Bench's seven measures, each with agents who do what it counts, and with such that nearly do."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

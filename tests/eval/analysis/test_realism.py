@@ -1,7 +1,5 @@
 """Likelihood under the log's histograms."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Red lights that are run: by whom, where, and what the recording did there."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Who stands for whom, since when, and who could go first."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from typing import Any
 

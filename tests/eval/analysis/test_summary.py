@@ -1,7 +1,5 @@
 """What the runs of a variant come to together."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """The Parquet files of a run, read back and compared with the run and with its metrics."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

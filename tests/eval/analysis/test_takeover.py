@@ -1,7 +1,5 @@
 """The ledger of takeovers, and jumps at hand-back that are there or not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

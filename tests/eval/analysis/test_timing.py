@@ -1,17 +1,12 @@
 """The way of a step through the graph, from marks that are made up: which part is how long, and that they add up."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import pytest
 
 from litsim_eval.analysis.timing import pace_text, step_path, timing
-
-if TYPE_CHECKING:
-    from litsim_sim.core.scene import AgentTable
-    from litsim_sim.record.run import Run
+from litsim_sim.core.scene import AgentTable
+from litsim_sim.record.run import Run
 
 BRIDGE = {"begin": 10.0, "shown": 10.001, "free": 10.004, "answered": 10.020, "complete": 10.021}
 MARKS = {

@@ -1,7 +1,5 @@
 """The suite of jams: its scenarios can be run, and traffic stands behind what is in its way."""
 
-from __future__ import annotations
-
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 

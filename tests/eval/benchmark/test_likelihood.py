@@ -1,7 +1,5 @@
 """Planted drivers under published measures: the recording wins, on the demo."""
 
-from __future__ import annotations
-
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 

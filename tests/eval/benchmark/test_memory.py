@@ -1,7 +1,5 @@
 """What a benchmark says of the memory of a run: figures from looks that are made up, and looks at real processes."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What a benchmark says of the start of a run, from figures that are made up and from a record that is."""
 
-from __future__ import annotations
-
 import pytest
 
 from litsim_eval.benchmark import start as start_benchmark

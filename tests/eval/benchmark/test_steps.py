@@ -1,7 +1,5 @@
 """What the benchmark runs on, and how it says what it found."""
 
-from __future__ import annotations
-
 import multiprocessing
 import sys
 from concurrent.futures import ProcessPoolExecutor

@@ -1,7 +1,5 @@
 """What gets done in a second: programs are timed as they are, figures come from what they wrote, sides take turns."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable

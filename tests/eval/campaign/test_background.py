@@ -1,7 +1,5 @@
 """Sentences on the background of a campaign, from made results of `credibility`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Which runs a suite makes, and by what each is known again."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Two campaigns of the same cases: which verdicts have changed, and by how much the measures."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

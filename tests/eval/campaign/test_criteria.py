@@ -1,7 +1,5 @@
 """Limits on measures: what passes, what fails and why, and what is refused before anything is run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Cases with several draws of the background's drivers: their runs, and how probable it is that they fail."""
 
-from __future__ import annotations
-
 from io import StringIO
 
 import pytest

@@ -1,7 +1,5 @@
 """The folder of a campaign: how a campaign is gone on with, and what is refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """JUnit XML of a campaign, read back with a parser that has not written it, and with that of the standard library."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree as ET
 

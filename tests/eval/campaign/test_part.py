@@ -1,7 +1,5 @@
 """Parts of a suite: what each option chooses, and the suite that is made of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Verdicts on runs, and what is read back of a campaign."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The table of a campaign's results, as pandas reads it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pandas as pd

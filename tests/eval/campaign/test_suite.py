@@ -1,7 +1,5 @@
 """What a suite file may say, and how what it may not say is told."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Summary of the runs of a variant, and bounds of its figures by the bootstrap over the vehicles that are the ego."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Each clause of `check_ads` passes what keeps it and fails what breaks it, from evidence made by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import nan
 from typing import Any

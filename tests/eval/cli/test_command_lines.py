@@ -1,7 +1,5 @@
 """Words on the command lines of all packages that nobody knows are refused, in one line."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys

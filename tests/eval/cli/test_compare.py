@@ -1,7 +1,5 @@
 """`compare` of two campaigns: what it prints, its exit status, what it refuses."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`credibility`: measures, page and evidence of encounters in files, and what is wrong in one line."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

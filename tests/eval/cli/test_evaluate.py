@@ -1,7 +1,5 @@
 """`evaluate`: what is wrong is said before the first run, every run has a verdict, and what was interrupted goes on."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """A run in one process, as a program."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """The command that writes the policy for DDS Security."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The suite that the options of `evaluate` make: alone, and over a file."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

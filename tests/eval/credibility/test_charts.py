@@ -1,7 +1,5 @@
 """Charts: where values lie, and lines that break where values are missing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Drivers whose ranking is plain, measured as simulated ones are."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

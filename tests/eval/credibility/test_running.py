@@ -1,7 +1,5 @@
 """Runs of encounters: together as alone, by several processes, with drivers of their own seeds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

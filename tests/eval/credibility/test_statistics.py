@@ -1,7 +1,5 @@
 """Statistics of encounters, beside numpy's and scipy's on the same draws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import ks_2samp

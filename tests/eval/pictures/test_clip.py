@@ -1,7 +1,5 @@
 """Clips: pictures in turn of runs one below the other, in which whoever has run into another keeps a coloured edge."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

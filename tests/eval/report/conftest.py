@@ -1,7 +1,5 @@
 """Small runs for reports, and a headless Chromium that is driven over a pipe, without a driver or a port."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

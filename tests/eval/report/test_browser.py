@@ -1,7 +1,5 @@
 """The page of a run in a real browser: it plays, jumps and obeys the keyboard, and asks for nothing from elsewhere."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The page of a campaign in a real browser: it sorts, filters, opens runs, and stays quick to draw with thousands."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the terminal says of two campaigns."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

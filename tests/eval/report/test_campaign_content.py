@@ -1,7 +1,5 @@
 """What the page of a campaign embeds: measures, happenings, criteria."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

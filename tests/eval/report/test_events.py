@@ -1,7 +1,5 @@
 """Takeovers and contacts as rows that lead to a step and an agent."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from litsim_eval.report.events import contact_table, takeover_table

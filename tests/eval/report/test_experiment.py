@@ -1,7 +1,5 @@
 """The page of a campaign without a browser: verdicts, best values, criteria, links, and what is no campaign."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Forecasts are read from a bag by the definitions that it holds, thinned, and without those that say nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

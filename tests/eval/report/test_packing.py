@@ -1,7 +1,5 @@
 """What is packed for the page comes out again, to the resolution that was asked for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

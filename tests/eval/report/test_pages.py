@@ -1,7 +1,5 @@
 """What comes from data is text on every page, whatever it holds; and the templates are where the code finds them."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

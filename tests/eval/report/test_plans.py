@@ -1,7 +1,5 @@
 """What the ego's stack has planned is read from a bag by the definitions in it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

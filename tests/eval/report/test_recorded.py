@@ -1,7 +1,5 @@
 """What is written once a run is recorded: everything of a run alone, what its campaign shows of one in a campaign."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The page of a run without a browser: structure, size, and what it must never hold."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace

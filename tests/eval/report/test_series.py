@@ -1,7 +1,5 @@
 """Tracks and plots of runs whose answers are known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

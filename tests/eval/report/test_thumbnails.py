@@ -1,7 +1,5 @@
 """Pictures of runs: which moment they show, and where everything stands in it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Runs that are stepped together: each is, to the last bit, what it is alone."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """The runs of a campaign: each is judged and stored as it comes; what ends early stores nothing of what it ended."""
 
-from __future__ import annotations
-
 import json
 import threading
 from collections.abc import Callable

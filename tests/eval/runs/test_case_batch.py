@@ -1,7 +1,5 @@
 """Cases that a process runs in one go: which of them, and what comes of each."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

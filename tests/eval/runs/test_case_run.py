@@ -1,7 +1,5 @@
 """One case run: in process as it would be alone, over DDS by the launcher; whatever becomes of it is told."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Left-hand traffic: a world seen in a mirror gives the run seen in a mirror, where no network takes part."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

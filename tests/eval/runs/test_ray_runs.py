@@ -1,7 +1,5 @@
 """Campaigns on a Ray cluster: one of this machine, with a worker that is lost midway."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

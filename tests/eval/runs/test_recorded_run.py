@@ -1,7 +1,5 @@
 """A record as it is needed to run it again: scenario, messages by step, parameters; and what is noted or refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Stages and runs once more from their record: equal, and where the record was tampered with, found there."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Whole runs in process, of the packaged demo and of real traffic."""
 
-from __future__ import annotations
-
 import itertools
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The table of a campaign stays readable at the width of a terminal, however many variants there are."""
 
-from __future__ import annotations
-
 import io
 import re
 from typing import Any

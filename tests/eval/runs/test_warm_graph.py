@@ -1,7 +1,5 @@
 """A graph and a stack that stay up: with which stack a run is made."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

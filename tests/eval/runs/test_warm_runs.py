@@ -1,7 +1,5 @@
 """Processes with a graph and a stack that stay up: what becomes of one that hangs, dies, or is no longer wanted."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Iterator

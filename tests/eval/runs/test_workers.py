@@ -1,7 +1,5 @@
 """Processes that run cases: a run that fails, or takes its process along, ends no other."""
 
-from __future__ import annotations
-
 import fcntl
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """A search in one scenario, with made outcomes: failures are found, shrunk, grouped, and nearer than by chance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from statistics import median
 

@@ -1,7 +1,5 @@
 """Which failures count: fault, what a careful driver avoids, and what the background forces."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

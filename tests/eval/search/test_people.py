@@ -1,7 +1,5 @@
 """What people did: distances are quantiles, rise with what is unusual, and go on beyond what was recorded."""
 
-from __future__ import annotations
-
 from statistics import NormalDist
 
 import numpy as np

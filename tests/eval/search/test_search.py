@@ -1,7 +1,5 @@
 """`search` from end to end, in process: margins, files that it leaves, resumption, and the comparison of two."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

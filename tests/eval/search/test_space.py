@@ -1,7 +1,5 @@
 """The space of a search: every proposal is a scenario that can be loaded, and says what it changes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

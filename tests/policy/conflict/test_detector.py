@@ -1,7 +1,5 @@
 """Conflict detection: one golden situation per verdict, against shapely and against Monte Carlo."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The table of agents off their logs: who is in it, in which order, and what is reported of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

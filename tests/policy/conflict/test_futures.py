@@ -1,7 +1,5 @@
 """Where agents will be, by logs, by forecasts and on planned paths; loops over agents and steps against plain numpy."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

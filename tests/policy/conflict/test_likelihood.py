@@ -1,7 +1,5 @@
 """How likely logs are: who is judged, and behind whom a log becomes unlikely."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

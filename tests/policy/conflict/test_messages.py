@@ -1,7 +1,5 @@
 """Takeovers that come over the wire are such as a conflict stage sends, or are refused in one line."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

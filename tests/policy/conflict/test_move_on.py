@@ -1,7 +1,5 @@
 """The next state of each agent off its log, whatever the others are in."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any

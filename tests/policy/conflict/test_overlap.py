@@ -1,7 +1,5 @@
 """The probability of an overlap: against shapely where it is certain, against Monte Carlo where it is not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

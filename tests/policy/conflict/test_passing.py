@@ -1,7 +1,5 @@
 """Passing in closed loop: who is held behind a slow ego takes the lane beside, and comes back to its log."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

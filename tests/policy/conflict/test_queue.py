@@ -1,7 +1,5 @@
 """A queue in which boxes overlap in the log itself: vehicles of unknown size that were given the usual one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Who baselines drive: everybody who comes near the ego, from then on, along his lane."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The life cycle of takeovers: step by step by hand, and in closed loop."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The ways of walkers and cyclists: who is in them, and who is expected to brake."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Agents under control whose logs are over: they go once nobody needs them, and the ledger says so."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

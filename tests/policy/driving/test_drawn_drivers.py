@@ -1,7 +1,5 @@
 """Drivers that differ: drawn by the seed of the scene and the agent's id, and by nothing else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

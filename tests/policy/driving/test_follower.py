@@ -1,7 +1,5 @@
 """Car following as people do it: each driver with the headway that it keeps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Catching up with the log: bounds, sign, and convergence of the law alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Policy litsim behind others: distance is kept to whoever leads, by comfortable braking where that is enough."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

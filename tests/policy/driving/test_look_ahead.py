@@ -1,7 +1,5 @@
 """The look ahead against the same said plainly: one agent, one command, one instant, one other at a time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Agents alongside whose paths meet: the one behind falls back in time, no harder than drivers do for courtesy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Mixed traffic: vehicles that come late to where walkers and cyclists cross, and an ego that stands there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

@@ -4,8 +4,6 @@ The recording itself does not: NGSIM's positions jitter beyond any vehicle's lim
 first takeover are therefore left out, and after a release the log's own jitter at that moment is what is allowed.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise

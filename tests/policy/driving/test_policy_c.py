@@ -1,7 +1,5 @@
 """Policy C's network: the same in numpy and torch, from a file that is what it says, in the loop."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Policy litsim before somebody who crosses its path: it brakes in time, no harder than drivers do for courtesy."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

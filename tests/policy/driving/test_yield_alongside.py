@@ -1,7 +1,5 @@
 """The rule-based policy where boxes touch or overlap along the path: there is no gap left to follow at."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

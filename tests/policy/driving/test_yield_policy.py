@@ -1,7 +1,5 @@
 """The rule-based policy: it yields, it stays on the road, it comes back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

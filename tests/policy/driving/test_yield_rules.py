@@ -1,7 +1,5 @@
 """The rules of giving way and of moving aside against the same said with arrays of everybody."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

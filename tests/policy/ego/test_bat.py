@@ -1,7 +1,5 @@
 """The ego that tracks its own forecast, with forecasts made by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import SimpleNamespace

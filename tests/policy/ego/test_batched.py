@@ -1,7 +1,5 @@
 """Egos of several scenes that are asked at once: each answers what it would alone."""
 
-from __future__ import annotations
-
 from litsim_policy.ego.batched import BatchedEgos
 from litsim_policy.ego.following import FollowingEgo
 from litsim_policy.ego.idm import IdmEgo

@@ -1,7 +1,5 @@
 """The egos that come with LitSim."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

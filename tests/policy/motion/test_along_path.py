@@ -1,7 +1,5 @@
 """Who is ahead on a path, in the way, and how far."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

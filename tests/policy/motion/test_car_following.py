@@ -1,7 +1,5 @@
 """The Intelligent Driver Model against its closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

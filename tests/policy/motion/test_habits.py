@@ -1,7 +1,5 @@
 """The headway that a driver usually keeps, as recorded up to now."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

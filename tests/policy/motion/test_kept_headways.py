@@ -1,7 +1,5 @@
 """The headway that a driver keeps, from its own record up to the step at which it leaves that."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Changes of lane by MOBIL: against the formula by hand, and what makes them unsafe."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.helpers.made_lanes import made_lane

@@ -1,7 +1,5 @@
 """Leaders on the way of a log: straight on, around a bend, beside it and about to enter it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Networks of other libraries: which files drive, and what is said of others."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Paths in a batch against each path alone, whatever the others are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

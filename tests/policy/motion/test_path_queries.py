@@ -1,7 +1,5 @@
 """Compiled loops over polylines against plain numpy that looks at every segment, bit for bit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

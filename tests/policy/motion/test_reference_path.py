@@ -1,7 +1,5 @@
 """Reference paths, against shapely; and a pursuit that ends up on them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

@@ -1,7 +1,5 @@
 """Ways to a goal: graph search and curves, on the motorway and on turns inside junctions of the packaged nets."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a path to a goal may not do: bend tighter than a vehicle that steers less, leave the road, end askew."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The density of people's changes of speed: what it reads, and that it knows what people do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from safetensors.numpy import save_file

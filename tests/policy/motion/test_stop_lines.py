@@ -1,7 +1,5 @@
 """Stop lines: who has to stop where, and that everybody that LitSim drives does."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any

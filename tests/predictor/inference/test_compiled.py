@@ -1,7 +1,5 @@
 """Compiled models: the same bits again and again, without torch, and one line about files that are none."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

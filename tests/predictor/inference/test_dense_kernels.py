@@ -1,7 +1,5 @@
 """Layers of networks by compiled loops, against plain numpy in double precision."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

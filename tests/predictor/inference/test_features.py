@@ -1,7 +1,5 @@
 """The frames of agents, in which the learned predictors see and answer."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Futures in agent frames as forecasts in frame map."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

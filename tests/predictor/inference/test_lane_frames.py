@@ -1,7 +1,5 @@
 """Forecasts along lanes that bend, on the packaged street, where turns are sharp."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import cache
 

@@ -1,7 +1,5 @@
 """What is remembered of maps: each once, and not more than there is room for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A learned model in a running scene: what the node publishes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The map around agents, as the learned predictors see it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The traffic ahead: how fast it drives and whether there is any, lane by lane and place by place."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Forecasts to messages and back through CDR."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The baseline `idm`: the model with the drivers that were asked for, behind whoever is on the lane, and no more."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The baselines `gail` and `rail`: a network drives everybody who is listed, within its bounds and by nothing else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

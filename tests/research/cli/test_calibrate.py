@@ -1,7 +1,5 @@
 """What `calibrate` says about wrong options."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

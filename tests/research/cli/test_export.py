@@ -1,7 +1,5 @@
 """`export` as a person uses it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """`paper --quick`: every experiment from runs to tables, figures and page; what is there already is not run again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

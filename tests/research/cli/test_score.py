@@ -1,7 +1,5 @@
 """The evaluation from files to its table, JSON, CSV and picture."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """The environment `litsim/Ego-v0`: Gymnasium's contract, the ends of an episode, and its reward."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """The environment of all agents off their logs: PettingZoo's contract, and how agents come and go."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Networks that were trained in the environments drive in runs and in campaigns as they did there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import gymnasium

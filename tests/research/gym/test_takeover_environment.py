@@ -1,7 +1,5 @@
 """The environment `litsim/Takeover-v0`: Gymnasium's contract, and what an episode is."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`litsim/Takeover-v0` for many vehicles: what each is shown and gets, and who takes its place."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

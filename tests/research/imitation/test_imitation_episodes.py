@@ -1,7 +1,5 @@
 """Episodes of GAIL: who is driven in them, what they do wrong, and what comes of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

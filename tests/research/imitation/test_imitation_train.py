@@ -1,7 +1,5 @@
 """Training of GAIL and RAIL: it runs, goes on where it stopped, and learns what it is rewarded for."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which case is shown: the first that replay makes a contact of the ego, and ours none."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What the experiments run can be run, and an ablation of the ROI leaves the ego's own model as it is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

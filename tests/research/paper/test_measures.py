@@ -1,7 +1,5 @@
 """ADE paired over the same agents and steps, shares that count failures, spreads and intervals; on numbers known."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Marked parts of a page are filled, and nothing else is touched."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

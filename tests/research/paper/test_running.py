@@ -1,7 +1,5 @@
 """Campaigns are gone on with; they are begun anew only where other sources have run, and only when told to."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Rows of the tables, the short tables made from them, and the agreement of docs/results.md with its CSV files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

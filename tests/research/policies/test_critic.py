@@ -1,7 +1,5 @@
 """The critic's regularisers: the gradient penalty and the noise, and that both are part of what it learns by."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 

@@ -1,7 +1,5 @@
 """The critic's sides: it cannot tell them by what is observed, only by what is done."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What an episode draws: egos that the scenario offers, and agents near the ego that stay for a while."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Episodes of the training: the same for the same seed, and over when they should be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pairs of recorded drivers: what a displaced vehicle sees."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Learning curves: every entry where it was measured."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """PPO and the critic: advantages by definition, updates that go the right way."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """The terms of PPO's loss, each where it alone decides: clipping from both sides, and the entropy."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Nothing is reported on what was trained on: read from the manifests of the weights themselves."""
 
-from __future__ import annotations
-
 import json
 from hashlib import sha256
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What policy C is punished for: every term by its own weight."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np

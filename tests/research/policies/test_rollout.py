@@ -1,7 +1,5 @@
 """Episodes: whole tracks, what is counted by episode and what by agent, and an end where nobody is driven."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

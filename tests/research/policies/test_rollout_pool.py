@@ -1,7 +1,5 @@
 """Episodes in several processes: the same as in one, in the same order."""
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Iterator
 

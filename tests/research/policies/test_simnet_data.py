@@ -1,7 +1,5 @@
 """What SimNet learns from: rasters of agents and where they went, and the displaced ones' way back."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

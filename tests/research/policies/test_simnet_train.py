@@ -1,7 +1,5 @@
 """Training of SimNet: it learns, it goes on where it stopped, and its weights drive."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tasks of recorded drivers and of sampled agents: the same draw, so that nobody is known by his task."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

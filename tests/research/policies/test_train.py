@@ -1,7 +1,5 @@
 """Training: it runs, it goes on where it stopped, it says what is wrong with its configuration."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

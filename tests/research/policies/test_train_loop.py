@@ -1,7 +1,5 @@
 """The loop of the training: what it rewards, what it keeps, and that it can be interrupted anywhere."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

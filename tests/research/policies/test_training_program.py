@@ -1,7 +1,5 @@
 """The frame of the programs that train: no training is lost, and what cannot be written is said in one line."""
 
-from __future__ import annotations
-
 import resource
 import shutil
 from argparse import Namespace

@@ -1,7 +1,5 @@
 """Graphs answer as the models of torch do that they were made of."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Training: equal seeds give equal weights, an interrupted one goes on where it stopped, bad input is named."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The car following fitted to recorded followers: it comes back from made ones, and is what ships from real ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Training of the density of speed changes, on made followers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What command lines share."""
 
-from __future__ import annotations
-
 import pytest
 
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser

@@ -1,7 +1,5 @@
 """What the launcher refuses; what it and its nodes have to import before the first step, which waits for all of it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The words that `live` takes."""
 
-from __future__ import annotations
-
 import pytest
 
 from litsim_sim.cli.live import main

@@ -1,7 +1,5 @@
 """How programs end: errors in a line, exit statuses, no traceback where none helps."""
 
-from __future__ import annotations
-
 import errno
 import signal
 import subprocess

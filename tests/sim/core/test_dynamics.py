@@ -1,7 +1,5 @@
 """The bicycle model: closed forms, and limits that no command gets past."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

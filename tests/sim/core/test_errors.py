@@ -1,7 +1,5 @@
 """What is foreign is printed short and without what steers a terminal."""
 
-from __future__ import annotations
-
 import pytest
 
 from litsim_sim.core.errors import LONGEST, SHOWN_MAX, print_error, printable, shown

@@ -1,7 +1,5 @@
 """Boxes and frames, against shapely and against their own inverses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

@@ -1,7 +1,5 @@
 """The past of all agents: who was where, and who was not there."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The lock-step rule: what counts as an answer, and what as an old one."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Who is near whom, against plain numpy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

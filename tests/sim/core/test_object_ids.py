@@ -1,7 +1,5 @@
 """UUIDs of agents."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from litsim_sim.core.object_ids import agent_of, uuids_of

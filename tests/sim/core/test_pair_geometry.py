@@ -1,7 +1,5 @@
 """One pair at a time as the arrays of geometry have it, to the last bit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

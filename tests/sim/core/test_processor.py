@@ -1,7 +1,5 @@
 """numpy and OpenBLAS run the same code on every x86-64 processor with AVX2."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

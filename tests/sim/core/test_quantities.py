@@ -1,7 +1,5 @@
 """Types of the fields of configurations."""
 
-from __future__ import annotations
-
 from dataclasses import FrozenInstanceError, replace
 from typing import Annotated, Literal
 

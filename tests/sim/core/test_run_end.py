@@ -1,7 +1,5 @@
 """Why and when a run is over."""
 
-from __future__ import annotations
-
 import pytest
 
 from litsim_sim.core.run_end import EndReason, RunEnd

@@ -1,7 +1,5 @@
 """Agent tables and the history window."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Marks on the clock survive the way through a message's text; other words in it do no harm."""
 
-from __future__ import annotations
-
 import pytest
 
 from litsim_sim.core.step_marks import marks_of, step_marks

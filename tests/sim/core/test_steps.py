@@ -1,7 +1,5 @@
 """Successive steps as arrays are the same steps."""
 
-from __future__ import annotations
-
 import tracemalloc
 from collections.abc import Callable
 

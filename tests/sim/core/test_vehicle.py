@@ -1,7 +1,5 @@
 """The ego's vehicle model: actuators by their definitions, and the default that changes nothing."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from math import exp, inf, nan
 

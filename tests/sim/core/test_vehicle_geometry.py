@@ -1,7 +1,5 @@
 """The ego's size in standard types: where its axles are, and what follows from its model."""
 
-from __future__ import annotations
-
 from math import tan
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The loader of YAML from users: numbers are those that people and JSON write."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

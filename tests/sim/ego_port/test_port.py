@@ -1,7 +1,5 @@
 """The ego port's rules, message by message, without DDS."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from math import inf, nan

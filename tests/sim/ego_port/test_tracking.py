@@ -1,7 +1,5 @@
 """Tracking of trajectories and target speeds, closed over the very vehicle that the world moves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Parquet files: what is wrong with one is said by file and column."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tables as CSV or Parquet: one way to read both, and places that people find again."""
 
-from __future__ import annotations
-
 import gzip
 from pathlib import Path
 

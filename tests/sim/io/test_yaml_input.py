@@ -1,7 +1,5 @@
 """YAML that people write: every slip is named by file, line and field."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Compiled kernels: what they take, and what is kept of them on disk."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The garbage collector is kept off for a while, and works as before afterwards."""
 
-from __future__ import annotations
-
 import gc
 
 import pytest

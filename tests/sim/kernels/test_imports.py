@@ -1,7 +1,5 @@
 """Imports that libraries make just in case are left out where they take long."""
 
-from __future__ import annotations
-
 import importlib
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Programs of nets in which connections that conflict have priority green together."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace

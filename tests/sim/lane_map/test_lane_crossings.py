@@ -1,7 +1,5 @@
 """Where lanes cross, on a few lanes and on the packaged nets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

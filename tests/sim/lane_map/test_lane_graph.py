@@ -1,7 +1,5 @@
 """Lanes that follow each other."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from litsim_sim.lane_map.lane_graph import directly_linked, straightest_successors

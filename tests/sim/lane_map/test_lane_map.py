@@ -1,7 +1,5 @@
 """Lane queries: geometry by hand, and properties on the packaged nets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

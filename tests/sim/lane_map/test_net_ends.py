@@ -1,7 +1,5 @@
 """Where a net ends, on roads of a few lanes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

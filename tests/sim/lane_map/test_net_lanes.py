@@ -1,7 +1,5 @@
 """Lanes as they are read from a net, and what is said of nets that cannot be."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

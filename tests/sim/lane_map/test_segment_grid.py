@@ -1,7 +1,5 @@
 """Segments of centre lines: their geometry, and that the grid finds all that are near."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from litsim_sim.lane_map.lane_map import LaneMap

@@ -1,7 +1,5 @@
 """Controlled connections of a net, and who passes their stop lines."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

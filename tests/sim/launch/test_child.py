@@ -1,7 +1,5 @@
 """How the end of a process is told: by its exit status, and by what it said last."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

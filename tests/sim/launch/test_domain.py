@@ -1,7 +1,5 @@
 """Which domain a graph uses, that no other is on it, and whether somebody is in it by the sockets of this machine."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Programs in copies of a process: they are what processes of their own would be."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Which settings of the middleware nodes run with, and what these settings say."""
 
-from __future__ import annotations
-
 import os
 import xml.etree.ElementTree as ET
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A net that SUMO refuses is told with SUMO's reason, before any node starts."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The nodes of a run: who takes part, and with which parameters."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The folder of a recording, before a run begins."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

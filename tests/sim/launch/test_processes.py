@@ -1,7 +1,5 @@
 """What the processes of a graph are started with."""
 
-from __future__ import annotations
-
 import io
 import socket
 import subprocess

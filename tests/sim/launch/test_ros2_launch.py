@@ -1,7 +1,5 @@
 """``ros2 launch litsim_sim litsim.launch.py``: the graph that it makes of its arguments."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from collections.abc import Callable

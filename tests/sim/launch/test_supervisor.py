@@ -1,7 +1,5 @@
 """The supervisor of a stack: it ends as the command does, and leaves nothing of it behind."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

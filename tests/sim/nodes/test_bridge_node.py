@@ -1,7 +1,5 @@
 """Publishers on the inputs of the ego port that the bridge cannot hear."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

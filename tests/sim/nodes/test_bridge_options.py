@@ -1,7 +1,5 @@
 """Parameters of the bridge: their defaults, what they make of a scenario, and what is refused before a run begins."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

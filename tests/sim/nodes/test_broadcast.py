@@ -1,7 +1,5 @@
 """What the bridge publishes of a step, with publishers that only take note."""
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The RViz configuration and the Foxglove layout name topics, types and fields that there are."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

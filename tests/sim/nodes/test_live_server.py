@@ -1,7 +1,5 @@
 """The WebSocket server that Foxglove connects to, met by an ordinary WebSocket client."""
 
-from __future__ import annotations
-
 import importlib
 import socket
 import sys

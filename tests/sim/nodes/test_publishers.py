@@ -1,7 +1,5 @@
 """The watch over the publishers of a graph: how many there may be on each topic, and who is one too many."""
 
-from __future__ import annotations
-
 import pytest
 
 from litsim_sim.core.stages import BRIDGE, POLICY_STAGES, RECORDER

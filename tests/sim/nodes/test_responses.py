@@ -1,7 +1,5 @@
 """What the bridge makes of what comes in: who is ready or silent, which answers count, what a missing one does."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Services of simulation_interfaces: pauses and steps, who is there, and what is refused with a reason."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace

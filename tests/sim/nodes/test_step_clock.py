@@ -1,7 +1,5 @@
 """Simulation time between steps: without gaps, never back, never past the next step."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from math import inf
 

@@ -1,7 +1,5 @@
 """MCAP files: what the writer leaves is what two independent readers and our own find."""
 
-from __future__ import annotations
-
 import resource
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Messages and definitions that ask for more than a machine has are refused before anything is made for them."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

@@ -1,7 +1,5 @@
 """The digest changes with everything that a run decides, and with nothing else."""
 
-from __future__ import annotations
-
 import hashlib
 import struct
 from dataclasses import replace

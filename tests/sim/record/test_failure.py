@@ -1,7 +1,5 @@
 """Why a run has failed, beside its recording."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

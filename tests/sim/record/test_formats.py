@@ -1,7 +1,5 @@
 """Records of every format that there has been are read for ever; later ones are refused. See CHANGELOG.md."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Records that are damaged anywhere: the same measures, or one line that names the file, and never other figures."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Callable

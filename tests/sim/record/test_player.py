@@ -1,7 +1,5 @@
 """Playing bags by a clock of the test's own, and the words that the command takes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import inf
 from pathlib import Path

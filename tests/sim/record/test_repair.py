@@ -1,7 +1,5 @@
 """Repair: whatever damage a bag has taken, what can be read is kept, and what is lost is said."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

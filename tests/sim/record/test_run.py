@@ -1,7 +1,5 @@
 """A run survives its bag: arrays, answers, attachments; and what is missing is found."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The seal of a record: what it tells apart, who can sign, and what is required where a key is named."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

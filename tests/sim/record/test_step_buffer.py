@@ -1,7 +1,5 @@
 """The recorder's buffer: what is written when, under which step, what is confirmed, and what counts as a gap."""
 
-from __future__ import annotations
-
 import pytest
 
 from litsim_sim.core.lockstep import RECORDER_WINDOW

@@ -1,7 +1,5 @@
 """Bytes between fields are cleared; fields are not. On whole recordings, test_recording.py asks another serialiser."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Endpoints of the graph."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

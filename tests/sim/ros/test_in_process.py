@@ -1,7 +1,5 @@
 """Stages that share a process: what is read once, what is handed on, and when the rest is done."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

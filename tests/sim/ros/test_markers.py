@@ -1,7 +1,5 @@
 """Markers of scenes made by hand."""
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Callable
 from typing import Any

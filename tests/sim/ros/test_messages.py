@@ -1,7 +1,5 @@
 """Arrays to messages and back through CDR, bit for bit; definitions and hashes as other readers know them."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from dataclasses import fields

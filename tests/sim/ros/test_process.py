@@ -1,7 +1,5 @@
 """How a node's process takes signals."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Agents that come over the wire are such as a bridge sends, or are refused in one line; the same of controls."""
 
-from __future__ import annotations
-
 from array import array
 from dataclasses import fields
 from typing import Any

@@ -1,7 +1,5 @@
 """What a policy for DDS Security says, as XML; whether nodes keep to it is seen in tests/graph/test_security.py."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 
 import pytest

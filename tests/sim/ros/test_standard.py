@@ -1,7 +1,5 @@
 """The scene in standard types, and answers in standard types, each read back by their definitions."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

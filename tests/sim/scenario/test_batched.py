@@ -1,7 +1,5 @@
 """Several scenes as one: their logs, ids and tables put together and taken apart again."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Changes of a scenario: what they do to the log, and what is wrong with one is named."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Roads that cross at different heights: vehicles on one do not touch those on the other, nor yield to them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Steps of a log as tables, and by how much it lags, against looking up every agent."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Boxes that overlap in the log itself."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

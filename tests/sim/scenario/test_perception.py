@@ -1,7 +1,5 @@
 """What the ego is told of others: agents that are hidden for a time, and positions with errors."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from litsim_sim.scenario.batched import kind

@@ -1,7 +1,5 @@
 """Signals of a whole recording against its vehicles."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

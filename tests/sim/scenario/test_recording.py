@@ -1,7 +1,5 @@
 """Recordings survive the disk unchanged, and what is no sound recording is refused with its place named."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The route of the ego: along the edges of its log, as far as its lane leads there."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """What is being run: its stages, and the name under which it goes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

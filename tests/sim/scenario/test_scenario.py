@@ -1,7 +1,5 @@
 """Scenario files: the packaged ones work, travel as text, and every slip in one is named."""
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Signals that give green to connections that conflict are told, at load and at conversion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

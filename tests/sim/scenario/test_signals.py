@@ -1,7 +1,5 @@
 """Signals of a scenario: three ways to write them, one meaning; what cannot be right is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Which scenarios can be loaded, and what is said of the others."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

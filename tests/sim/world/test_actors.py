@@ -1,7 +1,5 @@
 """Actors: agents do what the changes of a scenario say, whatever the policy wants, and are the policy's afterwards."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

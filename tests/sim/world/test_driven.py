@@ -1,7 +1,5 @@
 """What the answers to a step do to the vehicles that they list."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

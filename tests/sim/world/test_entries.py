@@ -1,7 +1,5 @@
 """Who enters when its log begins, who waits, and who never gets onto the road."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Policy L: the log as it is, and the way back to it without a jump."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise

@@ -3,8 +3,6 @@
 libsumo holds one simulation per process: each test closes its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The world that the bridge steps, on scenarios of a few vehicles on straight tracks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What policy C sees, on a straight road where every number can be told."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What `gail` and `rail` see: beams that end at boxes, the lane, and where the route leads."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The safety layer: whatever a network says, limits hold and the guard prevents; without it it goes wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The safety layer by single steps: every limit, and the guard."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

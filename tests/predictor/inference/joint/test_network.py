@@ -1,7 +1,5 @@
 """The joint predictor by kernels: every agent alike, to the last bit, whatever else is asked or seen."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

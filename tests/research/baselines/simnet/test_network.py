@@ -1,7 +1,5 @@
 """SimNet's networks in the loop: what torch says, row by row; and what is said of files that are something else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The baseline `simnet`: of what the network says, the first step is done; and which network that is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What SimNet is shown: the road, the stop lines, itself and the others, by frame, from where it stands."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

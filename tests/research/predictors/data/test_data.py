@@ -1,7 +1,5 @@
 """What models are trained on: tracks, scenes, and how these are varied."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Callable

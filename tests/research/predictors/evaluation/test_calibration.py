@@ -1,7 +1,5 @@
 """What detection says of an ego that leaves its log, beside what comes of it; counted by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Predicted and real conflicts of an ego that leaves its log, counted by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Measures of forecasts on cases whose answers are known."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Two small scenes, for tests of all models."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kinematic models as scene models: exact where they must be, and equal to the predictor of the node."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import cast
 

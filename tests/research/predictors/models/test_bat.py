@@ -1,7 +1,5 @@
 """BAT: centralities against networkx, what a target sees, and that the model learns."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The paper's predictor: teacher forcing that hides the answer, and states relative to each agent."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Every learned predictor: finite whatever it is shown, indifferent to order and padding, able to learn."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import pytest
