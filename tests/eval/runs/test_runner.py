@@ -18,6 +18,7 @@ from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, Controller, ControlSource
 from litsim_sim.core.takeover import TakeoverState
+from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -52,8 +53,13 @@ def litsim(demo: Scenario, drive):
 
 
 @pytest.fixture(scope="module")
-def recorded(demo: Scenario) -> Run:
-    return record(Runner(RunPlan(demo, "idm", "litsim")))
+def recorded() -> Run:
+    return record(Runner(RunPlan(Scenario.load("demo"), "idm", "litsim")))
+
+
+@pytest.fixture(scope="module")
+def replayed(demo: Scenario) -> Run:
+    return record(Runner(RunPlan(demo, "idm", "replay")))
 
 
 def run_of(scenario: Scenario, ego: str, policy: str) -> Run:
@@ -85,10 +91,9 @@ def test_every_step_is_answered_once(demo: Scenario, litsim) -> None:
     assert all({"bridge", "predictor", "conflict", "policy", "ego"} == set(r.stage_s) for r in litsim.results)
 
 
-def test_pure_replay_has_neither_takeovers_nor_controls(demo: Scenario, drive) -> None:
-    run = drive(demo, "idm", policy="replay")
-    assert {r.takeovers for r in run.results} == {None} and {r.controls for r in run.results} == {None}
-    assert not any((r.table.controller == Controller.POLICY).any() for r in run.results)
+def test_pure_replay_has_neither_takeovers_nor_controls(replayed: Run) -> None:
+    assert not replayed.takeovers and not replayed.controls
+    assert not any((table.controller == Controller.POLICY).any() for table in replayed.tables)
 
 
 def test_exactly_those_with_an_answer_are_under_control_at_the_next_step(litsim) -> None:
@@ -99,11 +104,12 @@ def test_exactly_those_with_an_answer_are_under_control_at_the_next_step(litsim)
         assert driven - litsim.world.entries.late == set(answered.tolist()) - gone - litsim.world.entries.late
 
 
-def test_a_run_can_be_shown_while_it_goes(demo: Scenario) -> None:
+def test_a_run_with_the_ego_on_its_log_is_the_recording_and_can_be_shown_while_it_goes(demo: Scenario) -> None:
     ticks = []
     run = record(Runner(RunPlan(demo, "log", "replay")), lambda: ticks.append(1))
     assert len(ticks) == demo.total_steps + 1
     assert run.complete and run.info.run_id == RunPlan(demo, "log", "replay").run_id
+    assert len(errors(run)) > 10_000 and errors(run).max() < 1e-6
 
 
 def test_stages_are_timed_by_the_clock_that_is_given(demo: Scenario) -> None:
@@ -123,8 +129,8 @@ def test_parameters_that_no_stage_has_are_refused(demo: Scenario) -> None:
 # The demo
 
 
-def test_litsim_mends_what_replay_runs_into(demo: Scenario, recorded: Run) -> None:
-    replay, mended = compute_metrics(run_of(demo, "idm", "replay")), compute_metrics(recorded)
+def test_litsim_mends_what_replay_runs_into(replayed: Run, recorded: Run) -> None:
+    replay, mended = compute_metrics(replayed), compute_metrics(recorded)
     assert mended["collision"]["excess"] == 0 and mended["reactive"]
     assert replay["collision"]["excess"] > 3 and not replay["reactive"]
     assert mended["collision"]["pairs"] < replay["collision"]["pairs"]
@@ -133,9 +139,11 @@ def test_litsim_mends_what_replay_runs_into(demo: Scenario, recorded: Run) -> No
     assert mended["replay_error_max_m"] < 1e-6, "and exactly where it was"
 
 
-def test_a_run_is_the_same_twice(recorded: Run) -> None:
-    again = record(Runner(RunPlan(Scenario.load("demo"), "idm", "litsim")))
-    assert digest(again) == digest(recorded)
+def test_a_run_is_the_same_twice(litsim, recorded: Run) -> None:
+    first = RunDigest()
+    for step in litsim.results:
+        first.update(step.table, step.controls, step.ego)
+    assert first.hexdigest() == digest(recorded)
 
 
 def test_forecasts_that_nobody_reads_change_nothing() -> None:
@@ -157,11 +165,6 @@ def test_sumo_only_shows(demo: Scenario, recorded: Run) -> None:
     mirrored = record(Runner(RunPlan(demo, "idm", "litsim"), SumoMirror(demo.net_path, demo.seed)))
     assert digest(mirrored) == digest(recorded)
     assert mirrored.summary["sumo_deviation_m"] < 0.01 and recorded.summary["sumo_deviation_m"] is None
-
-
-def test_replay_with_the_ego_on_its_log_is_the_recording(demo: Scenario) -> None:
-    run = run_of(demo, "log", "replay")
-    assert len(errors(run)) > 10_000 and errors(run).max() < 1e-6
 
 
 def test_nobody_moves_as_no_vehicle_can(litsim, beyond_limits) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test
 
+from litsim_research.gym import held
 from litsim_research.gym.held import HeldEnvironment
 from litsim_sim.core.errors import InputError
 
@@ -45,6 +46,7 @@ def test_a_run_ends_when_names_run_out() -> None:
     assert steps > 0 and (terminated | truncated).keys() == {"agent_0"}
 
 
-def test_traffic_in_which_nobody_is_taken_over_is_told() -> None:
-    with pytest.raises(InputError, match="nobody is taken over"):
+def test_traffic_in_which_nobody_is_taken_over_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(held, "STARTS", 3)
+    with pytest.raises(InputError, match="nobody is taken over at 3 starts"):
         HeldEnvironment(steps_max=1).reset(seed=0)

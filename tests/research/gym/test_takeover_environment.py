@@ -9,6 +9,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from campaigns import scenario_file
+from litsim_research.gym import takeover
 from litsim_sim.core.errors import InputError
 
 NAME = "litsim_research.gym:litsim/Takeover-v0"
@@ -57,7 +58,8 @@ def test_scenarios_are_drawn_from_names_and_files(tmp_path: Path) -> None:
     assert {environment.reset(seed=seed)[1]["scenario"] for seed in range(8)} == {"demo", "own"}
 
 
-def test_an_ego_alone_on_the_road_is_told() -> None:
+def test_an_ego_alone_on_the_road_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(takeover, "STARTS", 3)
     environment = gymnasium.make(NAME, radius=0.0)
-    with pytest.raises(InputError, match="nobody to drive"):
+    with pytest.raises(InputError, match="nobody to drive at 3 starts"):
         environment.reset(seed=0)

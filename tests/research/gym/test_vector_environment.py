@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+from litsim_research.gym import vector
 from litsim_sim.core.errors import InputError
 
 NAME = "litsim_research.gym:litsim/Takeover-v0"
@@ -66,8 +67,9 @@ def test_all_begin_anew_when_a_run_is_over() -> None:
     )
 
 
-def test_what_cannot_be_driven_is_refused() -> None:
+def test_what_cannot_be_driven_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(vector, "STARTS", 3)
     with pytest.raises(InputError, match=r"num_envs is 10, expected a multiple of vehicles \(8\)"):
         made(10)
-    with pytest.raises(InputError, match="no 8 vehicles within 1 m of each ego"):
+    with pytest.raises(InputError, match="no 8 vehicles within 1 m of each ego at 3 starts"):
         made(radius=1.0).reset(seed=0)

@@ -47,6 +47,13 @@ def file(training_data: dict[str, list[str]], tmp_path_factory: Any) -> Path:
     return folder / "config.yaml"
 
 
+@pytest.fixture(autouse=True)
+def _few_curves(monkeypatch: Any) -> None:
+    """A picture takes longer than an iteration: drawn once there are two."""
+    draw = checkpoint.plot_curves
+    monkeypatch.setattr(checkpoint, "plot_curves", lambda entries, *where: len(entries) > 2 and draw(entries, *where))
+
+
 def changed(file: Path, **changes: Any) -> ImitationTraining:
     return read_yaml(file, ImitationTraining).model_copy(update=changes)
 
