@@ -37,10 +37,10 @@ def add(subparsers: Any) -> None:
     recordings = f"recording of any known format, scenario, or `{PACKAGED}`: those of the published data"
     command.add_argument("recording", nargs="?", metavar="RECORDING", help=recordings)
     command.add_argument("out", nargs="?", type=Path, metavar="OUT", help="new folder for scenarios and encounters.csv")
-    command.add_argument("--net", help="packaged net or file; default: the one that the recording names")
+    command.add_argument("--net", help="packaged net or file; default: the net that the recording names")
     kinds = f"what the other vehicle did, of {', '.join(KINDS)}; default: any"
     command.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, metavar="KIND", help=kinds)
-    command.add_argument("--split", choices=SPLITS, help="only those of vehicles to fit to, or to report on")
+    command.add_argument("--split", choices=SPLITS, help="only encounters of vehicles to fit to, or to report on")
     command.add_argument("--table", type=Path, metavar="FILE", help="instead: make the table of the packaged ones anew")
     command.set_defaults(run=run)
 

@@ -25,7 +25,7 @@ def add(subparsers: Any) -> None:
     command.add_argument("recording", type=Path, help="recording of any known format")
     command.add_argument("out", type=Path, metavar="OUT", help="OUT.png, or OUT.html for a self-contained page")
     command.add_argument(
-        "--net", help="net under the tracks: file, or name of a packaged one; default: that of the header"
+        "--net", help="net under the tracks: file, or name of a packaged one; default: the net of the header"
     )
     signals_help = "file of signals (YAML, see docs/signals.md) to show, instead of those that the recording carries"
     command.add_argument("--signals", type=Path, metavar="FILE", help=signals_help)

@@ -27,7 +27,7 @@ def add(subparsers: Any) -> None:
     command.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="of any known format")
     command.add_argument("--manifest", type=Path, help="instead: reproduce this manifest and its scenario files")
     command.add_argument("--out", type=Path, required=True, metavar="DIR")
-    command.add_argument("--net", help="packaged net or file; default: the one that the recording names")
+    command.add_argument("--net", help="packaged net or file; default: the net that the recording names")
     command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help="as for convert")
     defaults = segments.Settings()
     command.add_argument(

@@ -17,7 +17,7 @@ def add(subparsers: Any) -> None:
     """Adds the parser of the command."""
     command = subparsers.add_parser("synthesize", help="generate recordings with SUMO on a packaged net")
     command.add_argument("--net", choices=NETS, default=NETS[0], help="default %(default)s")
-    command.add_argument("--seed", type=int, default=17, help="default %(default)s, that of us101_like.parquet")
+    command.add_argument("--seed", type=int, default=17, help="default %(default)s, the seed of us101_like.parquet")
     command.add_argument(
         "--seconds", type=float, default=28.1, help="length of a single recording [s]; default %(default)s"
     )

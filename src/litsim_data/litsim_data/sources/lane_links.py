@@ -1,4 +1,4 @@
-"""Which lanes follow each other and lie side by side, told by where they lie, for maps that do not say."""
+"""Successors and neighbours of lanes by their geometry, for maps that do not name them."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def _scene(content: Mapping[str, Any], name: str, path: Path) -> Scene:
 
 
 def _lanes(content: Mapping[str, Any], path: Path) -> LaneGraph:
-    """Returns the lanes of vehicles; where the file does not say which follow each other, by where they lie."""
+    """Returns the lanes of vehicles; successors that the file does not name follow from where lanes begin and end."""
     roads = [road for road in content["roads"] if road["type"] == "lane" and road.get("map_element_id") != BIKE_LANE]
     bikes = sum(road["type"] == "lane" for road in content["roads"]) - len(roads)
     lit = {str(lane) for lane in content.get("tl_states") or {}}

@@ -51,7 +51,7 @@ class Displacements:
 
     @property
     def horizons(self) -> tuple[int, ...]:
-        """Those of HORIZONS_S [s] that the run reaches."""
+        """Horizons [s] of HORIZONS_S that the run reaches."""
         return tuple(h for h in HORIZONS_S if self._last(h) <= self.last_step)
 
     def ade_all(self, horizon: int) -> float | None:

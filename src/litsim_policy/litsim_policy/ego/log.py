@@ -11,7 +11,7 @@ class LogEgo(Ego):
     """Asks the bridge to follow the log."""
 
     def __init__(self, scenario: Scenario) -> None:
-        """It needs nothing of `scenario`: the bridge knows the log."""
+        """Takes nothing from `scenario`: the bridge knows the log."""
 
     def plan(self, table: AgentTable) -> EgoCommand:
         """See :class:`litsim_policy.ego.ego.Ego`."""

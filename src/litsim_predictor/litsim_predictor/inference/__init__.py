@@ -3,4 +3,4 @@
 SHIPPED = ("default", "paper", "cs_lstm", "bat")
 """Names of the models that come with the package."""
 GRAPHS = ("paper", "cs_lstm", "bat")
-"""Those of them that are run as graphs; `default` is run by kernels."""
+"""Shipped models that ONNX Runtime runs as graphs; kernels run `default`."""

@@ -46,7 +46,7 @@ REFUSED = {
 }
 """Services that are there but refuse every request, with the reason."""
 OF_SERVER = {"LoadWorld", "UnloadWorld", "ResetSimulation"}
-"""Those of them that `serve` has in place of the bridge, see :mod:`.simulation_server`, and its features."""
+"""Refused services that `serve` has in place of the bridge, see :mod:`.simulation_server`, and its features."""
 FEATURES_OF_SERVER = ("SIMULATION_RESET", "WORLD_LOADING", "WORLD_UNLOADING")
 FEATURES = (
     "ENTITY_TAGS",

@@ -48,7 +48,7 @@ from litsim_sim.scenario.signals import Signals
 DECODED = (RUN_INFO, AGENTS, SIGNAL_MAP, SIGNALS, TAKEOVERS, CONTROLS, EGO_CONTROL, EGO_APPLIED, STATUS, TIMING)
 """Topics whose messages are decoded; only the log times of others are used."""
 OF_POLICY = (TAKEOVERS, CONTROLS)
-"""Those of them that only a run with a policy has."""
+"""Decoded topics that only a run with a policy has."""
 
 MINIMUM_RISK_TYPE = "autoware_adapi_v1_msgs/msg/MrmState"
 """Type of the topic on which a stack tells the state of its minimum-risk manoeuvre, whatever its name."""

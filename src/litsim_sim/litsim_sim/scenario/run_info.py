@@ -101,7 +101,7 @@ class RunPlan:
 
     @property
     def stage_parameters(self) -> Parameters:
-        """Those of :attr:`parameters` that affect the result: all but the bridge's and the recorder's."""
+        """The part of :attr:`parameters` that affects the result: all but the bridge's and the recorder's."""
         return {stage: self.parameters[stage] for stage in (*POLICY_STAGES, EGO) if self.parameters.get(stage)}
 
     @cached_property

@@ -24,7 +24,7 @@ PANELS: Mapping[str, Lines] = {
     "negative log-likelihood [nats]": {"nll": TRAINING, "val_nll": VALIDATION},
     "share of manoeuvres predicted right": {"val_maneuver": VALIDATION},
 }
-"""Those of a predictor's training."""
+"""Curves of a predictor's training: by panel, the fields of its history."""
 
 
 def plot_curves(
