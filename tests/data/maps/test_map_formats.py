@@ -310,6 +310,17 @@ def test_lanelet2_through_the_command(tmp_path: Path) -> None:
     np.testing.assert_allclose(lanes["32_1"].centerline[0], [-1.75, 0.0], atol=0.1)
 
 
+def test_lanelets_that_are_no_one_way_lead_both_ways(tmp_path: Path) -> None:
+    pytest.importorskip("lanelet2", reason="the lanelet2 package is not installed: requirements/maps.txt")
+    write_osm(tmp_path / "map.osm")
+    edited(tmp_path / "map.osm", ('k="one_way" v="yes"', 'k="one_way" v="no"'))
+    graph = Lanelet2().read(tmp_path / "map.osm", (49.0, 8.4))
+    assert {name.strip("-") for name in graph.by_id} == {"31", "32", "33"} and len(graph.by_id) == 6
+    assert graph.by_id["31"].successors == ("33",) and graph.by_id["-33"].successors == ("-31",)
+    np.testing.assert_allclose(graph.by_id["-31"].centerline, graph.by_id["31"].centerline[::-1], atol=1e-6)
+    assert not graph.keeps_left and not write_graph(graph, tmp_path / "a.net.xml").notes
+
+
 def test_an_origin_far_from_the_map_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("lanelet2", reason="the lanelet2 package is not installed: requirements/maps.txt")
     write_osm(tmp_path / "map.osm")
@@ -354,6 +365,22 @@ def test_opendrive_through_the_command(tmp_path: Path) -> None:
     left, right = sorted(lane_map.lanes, key=lambda lane: -lane.centerline[0, 1])
     np.testing.assert_allclose(left.centerline[[0, -1]], [[5.0, 5.25], [125.0, 5.25]], atol=0.02)
     assert right.left == left.id
+
+
+SIGN = '<signal s="60" t="-4" id="{}" dynamic="no" orientation="+" zOffset="2" type="{}" subtype="" value="-1"/>'
+
+
+def test_signs_of_opendrive_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
+    signs = (
+        f"<signals>{SIGN.format(1, 274)}{SIGN.format(2, '')}<signalReference id='2' s='9' orientation='+'/></signals>"
+    )
+    (tmp_path / "map.xodr").write_text(XODR.replace("</lanes>", f"</lanes>{signs}"))
+    notes = import_opendrive(tmp_path / "map.xodr", tmp_path / "a.net.xml")
+    left_out = "of road 1 is left out, as it has no {} that can be read"
+    assert notes == [
+        f"{what} {left_out.format(lack)}" for what, lack in (("signal 2", "type"), ("signalReference 2", "signal"))
+    ]
+    assert len(LaneMap.from_net(tmp_path / "a.net.xml").lanes) == 2
 
 
 def test_opendrive_that_is_missing_or_malformed(tmp_path: Path) -> None:

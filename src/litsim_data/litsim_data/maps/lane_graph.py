@@ -27,6 +27,7 @@ OPPOSED = 0.5  # [m] along the bounds within which their points lie opposite eac
 REPEATED = 1e-3  # [m] between points of a line up to which one repeats the other
 LONGEST = 100_000.0  # [m] of a lanelet
 OPPOSITE = np.deg2rad(150.0)  # from which on two lanes lead opposite ways
+SAME_LANE = 0.5  # [m] up to which the middles of two lanes that lead opposite ways are those of one lane
 BESIDE = 8.0  # [m] at most, between the middles of two lanes that lead opposite ways on one road
 
 
@@ -174,7 +175,8 @@ class LaneGraph:
             away = middles - middle
             ahead, left = to_body(away[:, 0], away[:, 1], course)
             oncoming = np.abs(wrap_angle(courses - course)) > OPPOSITE
-            oncoming &= (np.abs(ahead) < 0.5 * lanelet.length) & (np.abs(left) < BESIDE)
+            beside = (np.abs(left) > SAME_LANE) & (np.abs(left) < BESIDE)
+            oncoming &= (np.abs(ahead) < 0.5 * lanelet.length) & beside
             if oncoming.any():
                 nearest = np.flatnonzero(oncoming)[int(np.abs(left[oncoming]).argmin())]
                 votes += 1 if left[nearest] > 0.0 else -1

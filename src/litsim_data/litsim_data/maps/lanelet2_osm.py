@@ -72,7 +72,8 @@ def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
         raise InputError(f"{source}: not a readable Lanelet2 file: {_why(str(error), origin)}") from error
     rules = traffic_rules.create(traffic_rules.Locations.Germany, traffic_rules.Participants.Vehicle)
     graph = routing.RoutingGraph(lanelet_map, rules)
-    lanelets = tuple(_lanelet(raw, graph, rules) for raw in lanelet_map.laneletLayer if rules.canPass(raw))
+    ways = [way for raw in lanelet_map.laneletLayer for way in (raw, raw.invert()) if rules.canPass(way)]
+    lanelets = tuple(_lanelet(way, graph, rules) for way in ways)
     if not lanelets:
         roads = sum("highway" in line.attributes for line in lanelet_map.lineStringLayer)
         plain = f"; it has {roads} ways with tag highway, as OpenStreetMap, which does not say where lanes lie"
@@ -176,20 +177,27 @@ def _modules() -> tuple[Any, Any, Any, Any, Any]:
     return io, projection, routing, traffic_rules, core
 
 
+def _name(raw: Any) -> str:
+    """Returns the id of a lanelet, with a sign before it if it is driven against its direction, as SUMO names edges."""
+    return f"{'-' if raw.inverted() else ''}{raw.id}"
+
+
 def _lanelet(raw: Any, graph: Any, rules: Any) -> Lanelet:
+    """Returns a lanelet in the direction in which it is driven; lights hold in the direction of the map alone."""
     left, right = graph.left(raw) or graph.adjacentLeft(raw), graph.right(raw) or graph.adjacentRight(raw)
     limit = float(rules.speedLimit(raw).speedLimitMPS)
+    lights = tuple(str(element.id) for element in raw.regulatoryElements if "TrafficLight" in type(element).__name__)
     attributes = raw.attributes
     turn = attributes["turn_direction"] if "turn_direction" in attributes else ""  # noqa: SIM401  an AttributeMap has no get
     return Lanelet(
-        id=str(raw.id),
+        id=_name(raw),
         left=_points(raw.leftBound),
         right=_points(raw.rightBound),
-        successors=tuple(str(other.id) for other in graph.following(raw)),
-        left_id=None if left is None else str(left.id),
-        right_id=None if right is None else str(right.id),
+        successors=tuple(_name(other) for other in graph.following(raw)),
+        left_id=None if left is None else _name(left),
+        right_id=None if right is None else _name(right),
         speed_limit=limit if limit > 0.0 and math.isfinite(limit) else SPEED_LIMIT,
-        lights=tuple(str(element.id) for element in raw.regulatoryElements if "TrafficLight" in type(element).__name__),
+        lights=() if raw.inverted() else lights,
         junction=turn in TURNS,  # which lanelets inside intersections have
     )
 

@@ -293,6 +293,8 @@ def _crossing_pairs(lanelets: list[Lanelet]) -> list[tuple[str, str]]:
         first, second = lanelets[row], lanelets[column]
         if row > column or second.id in first.successors or first.id in second.successors:
             continue
+        if lines[row].hausdorff_distance(lines[column]) < ENDS_APART:  # one lane, driven in both directions
+            continue
         ends = shapely.union(lines[row].boundary, lines[column].boundary)
         if any(
             ends.distance(point) > ENDS_APART and abs(first.height_at(point) - second.height_at(point)) < LEVEL

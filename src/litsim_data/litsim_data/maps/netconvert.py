@@ -6,6 +6,7 @@ nets, never to run a simulation: ``pip install -r requirements/maps.txt``.
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
 import subprocess
@@ -33,6 +34,8 @@ LANE_NUMBERS = {
     "validity": ("fromLane", "toLane"),
 }
 """Attributes of OpenDRIVE with numbers of lanes, by the elements that have them."""
+OF_SIGNALS = {"signal": ("id", "s", "type", "orientation", "dynamic"), "signalReference": ("id", "s", "orientation")}
+"""Attributes of signals and signs without which netconvert refuses a map."""
 
 
 def shape_text(line: FloatArray) -> str:
@@ -107,6 +110,7 @@ def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) ->
         with_connecting_roads(root)
     except ValueError as error:
         raise InputError(f"{source}: {error}") from error
+    signals = _without_unreadable_signals(root)
     roads = root.findall("road")
     ruled_left = sum(road.get("rule") == LEFT_HAND for road in roads)
     to_left = 2 * ruled_left > len(roads) if left_hand is None else left_hand
@@ -115,14 +119,14 @@ def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) ->
         if to_left:
             _swap_sides(root)
             options += ["--lefthand", "true"]
-        if to_left or direct:
+        if to_left or direct or signals:
             ET.ElementTree(root).write(Path(scratch) / "rewritten.xodr", encoding="UTF-8", xml_declaration=True)
             options[1] = "rewritten.xodr"
         warnings = _convert(options, path, Path(scratch), {}, str(source))
     other = len(roads) - ruled_left if to_left else ruled_left
     sides = ("right", "left") if to_left else ("left", "right")
     notes = [f"{other} of {len(roads)} roads keep to the {sides[0]} by rule, but are read as keeping to the {sides[1]}"]
-    return [*notes * bool(other), *(f"netconvert: {warning}" for warning in warnings)]
+    return [*notes * bool(other), *signals, *(f"netconvert: {warning}" for warning in warnings)]
 
 
 def export_opendrive(net: Path, path: Path) -> list[str]:
@@ -143,6 +147,32 @@ def export_opendrive(net: Path, path: Path) -> list[str]:
 def is_left_hand(net: Path) -> bool:
     """Returns whether traffic on the SUMO net keeps to the left."""
     return b'lefthand="true"' in read_head(net, 5000)
+
+
+def _without_unreadable_signals(root: ET.Element) -> list[str]:
+    """Takes signals and signs that netconvert cannot read out of an OpenDRIVE map; returns a line on each."""
+    notes, gone = [], set()
+    for road in root.findall("road"):
+        for group in road.findall("signals"):
+            for signal in list(group):
+                values = {name: (signal.get(name) or "").strip() for name in OF_SIGNALS.get(signal.tag, ())}
+                lacking = [name for name, value in values.items() if not value or (name == "s" and not _finite(value))]
+                if signal.tag == "signalReference" and values["id"] in gone:
+                    lacking.append("signal")
+                if lacking:
+                    group.remove(signal)
+                    gone |= {values["id"]} if signal.tag == "signal" else set()
+                    what = f"{signal.tag} {values['id'] or '?'} of road {road.get('id')}"
+                    notes.append(f"{what} is left out, as it has no {' and no '.join(lacking)} that can be read")
+    return notes
+
+
+def _finite(text: str) -> bool:
+    """Returns whether a text is a finite number."""
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def _swap_sides(root: ET.Element) -> None:
