@@ -9,7 +9,8 @@ from scipy.special import ndtri
 
 from litsim_policy.conflict import overlap
 from litsim_policy.conflict.broad_phase import may_overlap
-from litsim_policy.conflict.overlap import Boxes, mixture_overlap_probability
+from litsim_policy.conflict.futures import Boxes
+from litsim_policy.conflict.overlap import mixture_overlap_probability
 from litsim_policy.conflict.predicted_motion import XX, YAW, AlternativeMotions, PredictedMotion, X, Y
 from litsim_sim.core.geometry import box_corners, boxes_overlap
 

@@ -11,8 +11,8 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from litsim_policy.conflict.futures import gone_straight_on
-from litsim_policy.conflict.overlap import Boxes, by_agent, touching
+from litsim_policy.conflict.futures import Boxes, gone_straight_on
+from litsim_policy.conflict.overlap import by_agent, touching
 from litsim_policy.conflict.predicted_motion import XX, XY, YY, AlternativeMotions, PredictedMotion, X, Y
 from litsim_sim.core.scene import STEP_S, BoolArray, IntArray
 from litsim_sim.kernels.compiled import (

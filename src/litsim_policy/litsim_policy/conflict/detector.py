@@ -13,7 +13,7 @@ import numpy as np
 from litsim_policy.conflict.broad_phase import may_overlap
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.futures import Futures
-from litsim_policy.conflict.overlap import Boxes, closing_overlaps, mixture_overlap_probability, quantile
+from litsim_policy.conflict.overlap import closing_overlaps, mixture_overlap_probability, quantile
 from litsim_policy.conflict.predicted_motion import PredictedMotion
 from litsim_sim.core.pair_geometry import behind_scene
 from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
@@ -111,8 +111,8 @@ class ConflictDetector:
         pairs = pairs[followed(pairs[:, ::-1].copy(), futures.covered.arrays)]
         if not len(pairs):
             return []
-        least, sizes = self.config.probability_threshold, self._sizes(futures.covered)
-        probability = mixture_overlap_probability(pairs, futures.by_log, futures.by_log, sizes, least)
+        least = self.config.probability_threshold
+        probability = mixture_overlap_probability(pairs, futures.by_log, futures.by_log, futures.sizes, least)
         self._exempt(probability, futures, pairs, futures.by_log)
         return self._first_of_each(futures, pairs, probability, np.zeros(probability.shape))
 
@@ -168,8 +168,8 @@ class ConflictDetector:
         """Returns the `pairs` that can overlap, with a probability of at least `least` or closing fast."""
         if not len(pairs):
             return pairs
-        boxes = self._boxes(futures)
-        return pairs[may_overlap(pairs, futures.by_log, futures.expected, boxes, max(0.0, -quantile(least)))]
+        tail = max(0.0, -quantile(least))
+        return pairs[may_overlap(pairs, futures.by_log, futures.expected, futures.boxes, tail)]
 
     def _overlap_probability(
         self, futures: Futures, pairs: IntArray, least: float, *, first: bool = False
@@ -178,8 +178,7 @@ class ConflictDetector:
 
         Probabilities that do not reach `least` are 0; `first` as in :func:`.overlap.mixture_overlap_probability`.
         """
-        sizes = self._sizes(futures.covered)
-        return mixture_overlap_probability(pairs, futures.by_log, futures.expected, sizes, least, first=first)
+        return mixture_overlap_probability(pairs, futures.by_log, futures.expected, futures.sizes, least, first=first)
 
     def _closing(self, futures: Futures, pairs: IntArray, *, first: bool = False) -> FloatArray:
         """Returns an array (m, T): 1 where the first of each pair, by its log, hits the second, which continues.
@@ -187,22 +186,7 @@ class ConflictDetector:
         `first` as in :func:`.overlap.mixture_overlap_probability`.
         """
         motions = futures.by_log.states, futures.by_log.valid
-        return closing_overlaps(pairs, motions, self._boxes(futures), first)
-
-    def _boxes(self, futures: Futures) -> Boxes:
-        """Returns the boxes of agents, which are assumed to continue as now for `ConflictConfig.closing_time`.
-
-        Agents on lagged logs are not: where they go is known, and their recorded accelerations and headings are noisy.
-        """
-        table = futures.covered
-        emergency = -table.acceleration >= self.config.emergency
-        time = np.where(emergency, 2.0, 1.0) * self.config.closing_time
-        time[futures.follow_logs] = 0.0
-        return Boxes(table.x, table.y, table.yaw, table.speed, table.acceleration, *self._sizes(table), time)
-
-    def _sizes(self, table: AgentTable) -> tuple[FloatArray, FloatArray]:
-        """Returns lengths and widths (n,) of the boxes that are compared [m]."""
-        return table.length + self.config.margin, table.width
+        return closing_overlaps(pairs, motions, futures.boxes, first)
 
     def _exempt(self, probability: FloatArray, futures: Futures, pairs: IntArray, opponents: PredictedMotion) -> None:
         """Set probabilities (m, T) to 0, in place, where the log has the overlap of `pairs` as well.

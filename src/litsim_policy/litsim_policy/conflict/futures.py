@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,6 +53,25 @@ ALONG_LINEAR, ALONG_QUADRATIC, ACROSS_LINEAR = 0.05, 0.25, 0.03  # [m/s], [m/s2]
 ROUNDING = 1e-9  # share of a step by which an instant of a forecast may differ from a step that it falls on
 
 
+class Boxes(NamedTuple):
+    """n agents now; arrays (n,).
+
+    Attributes:
+        x, y, yaw, speed, acceleration: [m], [rad], [m/s], [m/s2].
+        length, width: of the boxes that are compared [m].
+        time: for which they may continue straight on [s].
+    """
+
+    x: Floats
+    y: Floats
+    yaw: Floats
+    speed: Floats
+    acceleration: Floats
+    length: Floats
+    width: Floats
+    time: Floats
+
+
 @dataclass
 class PlannedPaths:
     """The agents under control at a step, rows ascending, and their paths; see :func:`planned_motion`.
@@ -81,6 +101,7 @@ class Futures:
         table: all n agents of the step.
         rows: (k,) rows in `table`, ascending, of the agents that are covered.
         covered: these agents.
+        boxes: that they occupy now, which are assumed to continue as now for `ConflictConfig.closing_time`.
         lag: (k,) steps by which their logs lag.
         by_log: where their logs lead. An agent on its log keeps its present residual, if any; an agent off its log is
             put back onto it at once.
@@ -90,6 +111,7 @@ class Futures:
 
     rows: IntArray
     covered: AgentTable
+    boxes: Boxes
     lag: IntArray
     by_log: PredictedMotion
     expected: PredictedMotion
@@ -120,9 +142,9 @@ class Futures:
         self.rows = np.empty(0, np.int64)
 
     @property
-    def follow_logs(self) -> BoolArray:
-        """Mask (k,) of the covered agents that are expected where their logs lead."""
-        return self._keep_to_log[self.rows]
+    def sizes(self) -> tuple[FloatArray, FloatArray]:
+        """Lengths and widths (k,) of the boxes of the covered agents [m]."""
+        return self.boxes.length, self.boxes.width
 
     def cover(self, agents: BoolArray, expected: BoolArray) -> None:
         """Make the missing futures of the mask `agents` (n,), and expected ones of those also in the mask `expected`.
@@ -134,12 +156,24 @@ class Futures:
             self._is_covered |= missing
             self.rows = self._is_covered.nonzero()[0]
             self.covered, self.lag = self.table.take(self.rows), self._lag[self.rows]
+            self.boxes = self._boxes()
             self.by_log = self._by_log()
             self._asked |= expected
             self.expected = self._expected(self._asked & self._is_covered)
         elif (asked := expected & ~self._asked).any():
             self._asked |= asked
             self.expected = self.expected.replaced(asked[self.rows], self._expected(asked & self._is_covered))
+
+    def _boxes(self) -> Boxes:
+        """Returns the boxes of the covered agents, which continue longer if they brake for an emergency.
+
+        Agents on lagged logs do not: where they go is known, and their recorded accelerations and headings are noisy.
+        """
+        table, config = self.covered, self._config
+        time = np.where(-table.acceleration >= config.emergency, 2.0, 1.0) * config.closing_time
+        time[self._keep_to_log[self.rows]] = 0.0
+        motion, size = (table.speed, table.acceleration), (table.length + config.margin, table.width)
+        return Boxes(table.x, table.y, table.yaw, *motion, *size, time)
 
     def _by_log(self) -> PredictedMotion:
         """Returns the motion of the covered agents by their logs."""
@@ -217,6 +251,8 @@ class Futures:
 
         A vehicle that stands does so until there is a reason; once it starts, its forecast is believed.
         """
+        if not stands.any():
+            return
         table = self.covered
         states[stands] = 0.0
         for column, now in ((X, table.x), (Y, table.y), (YAW, table.yaw)):

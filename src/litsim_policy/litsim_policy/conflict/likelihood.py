@@ -7,6 +7,7 @@ the recorded scene. Both are taken alike, so the ratio is 0 for whoever has the 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -36,7 +37,7 @@ from litsim_policy.motion.speed_change import (
 from litsim_sim.core.pair_geometry import behind_scene
 from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.core.takeover import TakeoverReason
-from litsim_sim.kernels.compiled import Bools, Floats, Ints, OutFloats2, kernel
+from litsim_sim.kernels.compiled import Bools, Bools2, Floats, Floats2, Ints, OutFloats2, kernel
 from litsim_sim.scenario.log import Log
 
 LOOK = round(LOOK_S / STEP_S)
@@ -134,10 +135,9 @@ class LogLikelihood:
 
 def as_recorded(log: Log, table: AgentTable) -> BoolArray:
     """Returns the mask (n,) of agents that are where their logs are at this step, without a lag."""
-    place = log.ids.searchsorted(table.id), min(table.step, log.steps - 1)
-    apart = np.hypot(table.x - log.x[place], table.y - log.y[place])
-    near = (apart <= SAME_POSITION) & (np.abs(table.speed - log.speed[place]) <= SAME_SPEED)
-    return np.asarray(near & log.valid[place] & (table.step < log.steps))
+    if table.step >= log.steps:
+        return np.zeros(len(table), np.bool_)
+    return _as_recorded((log.x, log.y, log.speed, log.valid), table.arrays, log.ids.searchsorted(table.id), table.step)
 
 
 def unlikely_logs(ratios: LogRatios, table: AgentTable, log: Log, which: BoolArray) -> list[Conflict]:
@@ -168,6 +168,17 @@ def with_changed(conflicts: list[Conflict], ratios: LogRatios, table: AgentTable
         return bool(ratios.lag[row] > 0 or not ratios.as_recorded[opponent])
 
     return [conflict for conflict in conflicts if changed(conflict)]
+
+
+@kernel
+def _as_recorded(log: tuple[Floats2, Floats2, Floats2, Bools2], agents: AgentArrays, rows: Ints, step: int) -> Bools:
+    """See :func:`as_recorded`; of the log x, y [m], speed [m/s] and validity (N, S), in which agents are in `rows`."""
+    (x, y, speed, valid), recorded = log, np.empty(len(rows), np.bool_)
+    for i in range(len(rows)):
+        place = rows[i], step
+        apart = math.hypot(agents.x[i] - x[place], agents.y[i] - y[place])
+        recorded[i] = valid[place] and apart <= SAME_POSITION and abs(agents.speed[i] - speed[place]) <= SAME_SPEED
+    return recorded
 
 
 @kernel

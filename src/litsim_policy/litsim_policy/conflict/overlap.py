@@ -13,11 +13,10 @@ from __future__ import annotations
 import math
 from functools import cache
 from statistics import NormalDist
-from typing import NamedTuple
 
 import numpy as np
 
-from litsim_policy.conflict.futures import gone_straight_on
+from litsim_policy.conflict.futures import Boxes, gone_straight_on
 from litsim_policy.conflict.predicted_motion import XX, XY, YAW, YY, PredictedMotion, X, Y
 from litsim_sim.core.scene import STEP_S, FloatArray, IntArray
 from litsim_sim.kernels.compiled import Bools, Bools2, Floats, Floats2, Floats3, Ints, Ints2, OutFloats, kernel
@@ -36,25 +35,6 @@ _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
 Motions = tuple[Floats3, Bools2]  # states and validity of a `PredictedMotion`
-
-
-class Boxes(NamedTuple):
-    """n agents now; arrays (n,).
-
-    Attributes:
-        x, y, yaw, speed, acceleration: [m], [rad], [m/s], [m/s2].
-        length, width: of the boxes that are compared [m].
-        time: for which they may continue straight on [s].
-    """
-
-    x: Floats
-    y: Floats
-    yaw: Floats
-    speed: Floats
-    acceleration: Floats
-    length: Floats
-    width: Floats
-    time: Floats
 
 
 @kernel

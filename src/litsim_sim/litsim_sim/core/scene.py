@@ -147,7 +147,7 @@ class AgentRows:
         at = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
         return type(self)(self.step, *[column[at] for column in COLUMNS(self)])
 
-    @property
+    @cached_property
     def obstacle(self) -> BoolArray:
         """(n,) pedestrians and cyclists; see :data:`OBSTACLE_KINDS`."""
         return is_obstacle(self.kind)
