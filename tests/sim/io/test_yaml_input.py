@@ -87,7 +87,10 @@ def test_a_huge_value_is_shown_in_short(tmp_path: Path) -> None:
         ("name: a\nwheels:\n  - {radius: 1, radius: 2}\n", "key 'radius' occurs twice, line 3, "),
         ("name: " + "[" * 3000 + "]" * 3000, "^malformed YAML: nested deeper than 50 levels, line 1, "),
         ("name: " + "{a: " * 3000 + "}" * 3000, "nested deeper than 50 levels"),
-        ("name: a\ndoors: 2020-13-45\n", "^malformed YAML: month must be in 1..12"),
+        (
+            "name: a\ndoors: 2020-13-45\n",
+            "^malformed YAML: !!timestamp has no value '2020-13-45': month must be in 1..12, line 2",
+        ),
         ("name: [1]\ndoors: x\n", "^line 1, field name: Input should be a valid string; line 2, field doors: "),
     ],
 )
