@@ -1,5 +1,7 @@
-"""Files of recordings whose text or columns somebody has spoilt: a sound recording, or one line that names the file."""
+"""Files of recordings and maps that somebody has spoilt: a sound recording or map, or one line that names the file."""
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import made_intersection
+import made_openscenario as made
+import made_sources
+from litsim_data.maps.lanelet2_osm import read_graph
+from litsim_data.maps.opendrive_roads import Roads
 from litsim_data.ngsim.sites import US101
+from litsim_data.sources.openscenario import OpenScenario
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
@@ -161,3 +169,70 @@ def test_spoilt_parquet_is_refused_or_sound(tmp_path_factory: pytest.TempPathFac
     whole = pq.read_table(path)
     pq.write_table(data.draw(spoilt_table(whole)).replace_schema_metadata(whole.schema.metadata), path)
     loaded(path)
+
+
+@st.composite
+def spoilt_xml(draw: st.DrawFn, text: str) -> bytes:
+    """`text` with other values of attributes, and elements left out, twice or cut."""
+    for _ in range(draw(st.integers(1, 3))):
+        way = draw(st.sampled_from(["value", "value", "value", "left out", "twice", "cut"]))
+        pattern = r'"[^"]*"' if way == "value" else r"<[^<>]*/>|<(\w+)[^<>]*>[^<>]*</\1>|<[^<>]*>"
+        places = list(re.finditer(pattern, text)) or list(re.finditer("$", text))
+        place = places[draw(st.integers(0, len(places) - 1))]
+        word = draw(st.sampled_from([*WORDS, "-1", "0", "1e6", "12", "${1/0}", "$a", "relative"]))
+        new = {"value": f'"{word}"', "left out": "", "twice": 2 * place[0]}.get(way, "")
+        text = text[: place.start()] + new + text[place.end() :] * (way != "cut")
+    return text.encode("latin-1", errors="replace")
+
+
+def scenario_text(folder: Path) -> str:
+    lane = (
+        '<LanePosition roadId="1" laneId="-1" s="100" offset="0.1"><Orientation type="relative" h="0"/></LanePosition>'
+    )
+    beside = '<RelativeLanePosition entityRef="A" dLane="1" ds="20"/>'
+    first = made.STAND.format(lane) + made.SPEED.format(shape="linear", lasts="1", speed="4")
+    waits = made.when(made.STATE.format("event", "e", "endTransition"), delay=1.0, edge="rising")
+    way = made.follow({0.0: made.world(-80.0), 2.0: lane}, more='initialDistanceOffset="1"')
+    acts = made.act("a", "A", {"e": (way, made.when(made.AT.format(1, "greaterThan")))})
+    acts += made.act("b", "B", {"f": (made.follow({0.0: made.world(0.0), 3.0: beside}), "")}, waits)
+    stop = made.when(made.AT.format(9, "greaterThan"), tag="StopTrigger")
+    return made.write(folder, {"A": made.CAR, "B": made.VAN}, {"A": first}, acts, stop).read_text().replace("'", '"')
+
+
+def map_text(folder: Path) -> str:
+    made_intersection.write_map(folder / "made.osm")
+    return (folder / "made.osm").read_text()
+
+
+def tracks_of(path: Path) -> Any:
+    (scene,) = OpenScenario().read(path, None)
+    table = scene.tracks.table  # type: ignore[attr-defined]
+    assert np.isfinite(table.select_dtypes("number").to_numpy()).all() and len(table)
+
+
+READERS: dict[str, tuple[Callable[[Path], str], Callable[[Path], Any]]] = {
+    "made.xosc": (scenario_text, tracks_of),
+    "made.xodr": (lambda _: made_sources.opendrive(), lambda path: Roads(path).place(0.0, -1.75, 0.0)),
+    "made.osm": (map_text, lambda path: read_graph(path, (49.0, 8.4)).by_id),
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+@settings(max_examples=8, deadline=None)
+@given(data=st.data())
+def test_spoilt_scenarios_and_maps_are_refused_or_read(
+    tmp_path_factory: pytest.TempPathFactory, name: str, data: Any
+) -> None:
+    if name == "made.osm":
+        pytest.importorskip("lanelet2")
+    folder = tmp_path_factory.getbasetemp()
+    (folder / "made.xodr").write_text(made_sources.opendrive())
+    text, read = READERS[name]
+    path = folder / f"spoilt.{name}"
+    path.write_bytes(data.draw(spoilt_xml(text(folder))))
+    told = ""
+    try:
+        read(path)
+    except InputError as error:
+        told = str(error)
+    assert "\n" not in told

@@ -59,7 +59,10 @@ def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
     io, projection, routing, traffic_rules, core = _modules()
     projector = projection.UtmProjector(io.Origin(latitude, longitude))
     for node, (x, y) in zip(nodes, metres or (), strict=metres is not None):  # where the package finds x and y again
-        place = projector.reverse(core.BasicPoint3d(x, y, 0.0))
+        try:
+            place = projector.reverse(core.BasicPoint3d(x, y, 0.0))
+        except RuntimeError as error:
+            raise InputError(f"{source}: node {node.get('id')} at {x:g}, {y:g} m: {error}") from error
         node.attrib |= {"lat": repr(place.lat), "lon": repr(place.lon)}
     notes = [*_without_unknown(root), *_joined_borders(root)]
     if metres is not None and origin is not None:

@@ -14,7 +14,7 @@ from litsim_data.maps.opendrive_roads import Pose, Roads
 from litsim_data.sources.openscenario_xml import UnreadError, child
 from litsim_data.sources.scripted_motion import ORDER, OVERWRITE, Played, Player, lasting
 from litsim_data.sources.storyboard import Storyboard, action_in
-from litsim_data.sources.storyboard_positions import LATEST, Positions, Track, trajectory
+from litsim_data.sources.storyboard_positions import LATEST, Positions, Track, last_time
 
 PASSED_OVER = {
     "ControllerAction",
@@ -26,7 +26,6 @@ PASSED_OVER = {
 }
 """Actions of an entity that are not simulated, and that leave it on its way."""
 OVERWRITES = ("overwrite", "override")
-MOVING = "'SpeedAction', 'FollowTrajectoryAction'"
 
 
 class Script:
@@ -93,7 +92,8 @@ class Script:
     def _played(self, name: str) -> Track:
         if name in self._players:
             raise UnreadError(f"{name} is placed by where others are that are placed by it")
-        player = Player(self._actions(name), self._positions, lambda: self._roads)
+        walks = self.entities[name].find("Pedestrian") is not None
+        player = Player(self._actions(name), self._positions, lambda: None if walks else self._roads)
         self._players[name] = player
         return player.play(self.end)
 
@@ -112,6 +112,8 @@ class Script:
                 played.append(Played(start, inner, maneuver))
                 if event.get("priority") in OVERWRITES:
                     played.append(Played(start, OVERWRITE, maneuver))
+                if (stop := self._storyboard.cut_off(event)) <= LATEST:
+                    played.append(Played(stop, OVERWRITE, maneuver))
         passed = sorted({one.action.tag for one in played if one.action.tag in PASSED_OVER})
         if passed:
             self.notes.append(f"of {name}, {' and '.join(passed)} is passed over")
@@ -156,9 +158,8 @@ class Script:
         """Returns when an action that starts at a time ends [s]; raises UnreadError where that is not known."""
         inner = action_in(action)
         if inner.tag == "FollowTrajectoryAction":
-            track, by_time = trajectory(inner, start, self._positions)
-            if by_time:
-                return max(start, float(track.times[-1]))
+            if (last := last_time(inner, start, self._positions)) is not None:
+                return max(start, last)
         elif inner.tag == "SpeedAction":
             dynamics = child(inner, "SpeedActionDynamics")
             if dynamics.get("dynamicsShape") == "step" or dynamics.get("dynamicsDimension") == "time":

@@ -70,6 +70,15 @@ class Storyboard:
         """Returns the element that directly holds another one."""
         return self._parents[element]
 
+    def cut_off(self, event: ET.Element) -> float:
+        """Returns when the StopTrigger of the act around an event ends it [s]; infinite if never.
+
+        Raises:
+            UnreadError: what the trigger waits for is not read.
+        """
+        act = self._act(event)
+        return math.inf if act is None else self.stop(act)
+
     def _remembered(self, what: str, element: ET.Element, compute: Callable[[], float]) -> float:
         key = (what, element)
         if key not in self._times:
@@ -93,8 +102,7 @@ class Storyboard:
         skips = element.get("priority") == "skip" and time < math.inf
         if skips and any(self.start(other) < time < self.end(other) for other in whole.findall("Event")):
             return math.inf
-        act = self._act(element)
-        return time if act is None or time <= self.stop(act) else math.inf
+        return time if time <= self.cut_off(element) else math.inf
 
     def _act(self, element: ET.Element) -> ET.Element | None:
         """Returns the act around an element; None of acts themselves."""
@@ -132,7 +140,7 @@ class Storyboard:
         if edge not in (*points, "none"):
             raise UnreadError(f"element Condition: conditionEdge {edge} is not read")
         delay = number(condition, "delay", 0.0)
-        return [(a + delay, b + delay) for a, b in points.get(edge, spans) if a < math.inf]
+        return [(max(a, 0.0) + delay, b + delay) for a, b in points.get(edge, spans) if b >= 0.0 and a < math.inf]
 
     def _true(self, condition: ET.Element) -> list[Span]:
         """Returns when the logical expression of a condition is true."""

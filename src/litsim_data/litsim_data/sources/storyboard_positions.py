@@ -163,6 +163,20 @@ def trajectory(follow: ET.Element, start: float, positions: Positions) -> tuple[
     return Track(np.r_[start, track.times], np.vstack([track.poses[:1], track.poses])) if waits else track, True
 
 
+def last_time(follow: ET.Element, start: float, positions: Positions) -> float | None:
+    """Returns when a trajectory ends that starts at a time [s]; None where it has no time reference.
+
+    Raises:
+        UnreadError: as :func:`trajectory`.
+    """
+    timing, vertices = timing_of(follow, start), follow.findall(".//Polyline/Vertex")
+    if timing is None:
+        return None
+    if not vertices or number(follow, "initialDistanceOffset", 0.0) > 0.0:  # which shifts times by the way
+        return float(trajectory(follow, start, positions)[0].times[-1])
+    return timing[0] + timing[1] * max(number(vertex, "time", most=LATEST) for vertex in vertices)
+
+
 def timing_of(follow: ET.Element, start: float) -> tuple[float, float] | None:
     """Returns when the clock of a trajectory that starts at a time is zero [s], and its scale; None without a clock.
 

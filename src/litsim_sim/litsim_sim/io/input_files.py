@@ -86,7 +86,7 @@ def read_xml(path: Path, what: str) -> ET.Element:
         with open_input(path, what, size_max=TREE_MAX) as file:
             root: ET.Element = ET.parse(file).getroot()  # noqa: S314  by a parser without network, that bounds entities
             return root
-    except (ET.ParseError, OSError, ValueError) as error:  # ValueError: an encoding that is none
+    except (ET.ParseError, OSError, ValueError, LookupError) as error:  # the latter of encodings that are none
         raise InputError(f"{path}: not a readable {what}: {error}") from error
 
 
