@@ -8,7 +8,8 @@ import struct
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import groupby
@@ -24,8 +25,11 @@ import pytest
 import yaml
 from hypothesis import settings
 
+from litsim_data.maps.netconvert import find_netconvert
 from litsim_sim.core import plugins
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, AgentTable, Controller, Kind
+from litsim_sim.kernels.garbage import without_collection
 from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
 
@@ -54,8 +58,9 @@ for points in plugins._entry_points().values():
 settings.register_profile("litsim", settings(), deadline=None)
 settings.load_profile("litsim")
 
-SLOW = {Path(__file__).parent / line for line in Path(__file__).with_name("slow.txt").read_text().split()}
-"""Folders, and files whose tests together take a core for a second or more."""
+HERE, SLOW_S = Path(__file__).parent, 1.0
+SLOW = set(HERE.joinpath("slow.txt").read_text().split())
+"""Folders, and files whose tests together take SLOW_S or more, as `--measure` has found."""
 LANE_CENTRES = tuple(-3.66 * (lane + 0.5) for lane in range(5))
 """y of the through lanes of the packaged net us101_like, leftmost first [m]; they run along +x from 0 to 640 m."""
 
@@ -127,13 +132,33 @@ class Track:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Adds the option of `make test-fast`."""
+    """Adds the option of `make test-fast`, and the one that says what is fast."""
     parser.addoption("--fast", action="store_true", help="without the files and folders of tests/slow.txt")
+    parser.addoption("--measure", action="store_true", help="note in tests/slow.txt which of the files run are slow")
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leaves out slow tests where only fast ones are asked for."""
-    return True if config.getoption("--fast") and collection_path in SLOW else None
+    return True if config.getoption("--fast") and collection_path in {HERE / each for each in SLOW} else None
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Notes which files are slow, where that is asked for; of those that were not run, it stays as it was."""
+    seconds: Counter[str] = Counter()
+    for report in (each for reports in terminalreporter.stats.values() for each in reports):
+        if isinstance(report, pytest.TestReport):
+            seconds[report.nodeid.partition("::")[0].removeprefix("tests/")] += report.duration
+    if terminalreporter.config.getoption("--measure"):
+        of_folders = {file for file in seconds if SLOW.intersection(map(str, Path(file).parents))}
+        slow = SLOW - seconds.keys() | {file for file, took in seconds.items() if took >= SLOW_S} - of_folders
+        HERE.joinpath("slow.txt").write_text("\n".join([*sorted(slow, key=lambda file: ("/" in file, file)), ""]))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Reads the tests without a search for garbage: what is read stays."""
+    with without_collection():
+        return (yield)
 
 
 @pytest.hookimpl(trylast=True)  # once those of the graph are marked
@@ -163,6 +188,15 @@ def real_data() -> Callable[..., Path]:
         return path
 
     return find
+
+
+@pytest.fixture(scope="session")
+def netconvert() -> None:
+    """SUMO's netconvert; without it, the test is skipped."""
+    try:
+        find_netconvert()
+    except InputError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session", name="agent_table")

@@ -14,7 +14,7 @@ def test_an_error_is_printed_short_and_without_control_characters(capsys: pytest
     assert printable("Ä → 3 m/s²\nsecond line") == "Ä → 3 m/s²\nsecond line"
 
 
-@pytest.mark.parametrize("value", ["x" * 10**6, 10**1000, [[0] * 10**4] * 10**4, {str(i): [i] for i in range(10**5)}])
+@pytest.mark.parametrize("value", ["x" * 10**6, 10**1000, [[0] * 10**4] * 10**4, {str(i): [i] for i in range(10**4)}])
 def test_a_value_is_shown_short_whatever_it_is(value: object) -> None:
     assert len(shown(value)) <= SHOWN_MAX
 
