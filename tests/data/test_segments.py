@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from command_line import refusal, status
 from litsim_data import cli as data
 from litsim_data import segments
 from litsim_data.segments import Manifest, Settings, cut
@@ -184,9 +185,7 @@ def test_scenarios_that_cannot_be_loaded_are_told(tmp_path: Path, capsys: pytest
     assert "4 of 4" in capsys.readouterr().out
     table["y"] += 60.0
     Recording.of_table(made.header, table).write(tmp_path / "made.parquet")
-    with pytest.raises(SystemExit) as stopped:
-        data.main(command)
-    assert stopped.value.code == 1
+    assert status(data.main, *command) == 1
     assert "0 of 4 scenarios can be loaded" in capsys.readouterr().out
 
 
@@ -197,10 +196,7 @@ def test_manifests_refuse_other_recordings_and_edits(tmp_path: Path, capsys: pyt
     again = ["segments", "--manifest", str(out / "manifest.yaml"), "--out", str(tmp_path / "again")]
 
     def refused(message: str) -> None:
-        with pytest.raises(SystemExit) as stopped:
-            data.main(again)
-        assert stopped.value.code == 2
-        assert message in capsys.readouterr().err
+        assert message in refusal(capsys, data.main, *again)
 
     text = (out / "manifest.yaml").read_text()
     fields = yaml.safe_load(text)
@@ -235,10 +231,7 @@ def test_manifests_refuse_other_recordings_and_edits(tmp_path: Path, capsys: pyt
 def test_errors_of_the_command(
     arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit) as stopped:
-        data.main(["segments", *arguments, "--out", str(tmp_path / "out")])
-    assert stopped.value.code == 2
-    assert message in capsys.readouterr().err
+    assert message in refusal(capsys, data.main, "segments", *arguments, "--out", tmp_path / "out")
     assert not list(tmp_path.iterdir())
 
 

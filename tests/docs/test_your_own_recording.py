@@ -12,9 +12,7 @@ from pathlib import Path
 import pytest
 
 from litsim_data.cli import main as data
-from litsim_data.maps.netconvert import find_netconvert
 from litsim_eval.cli import compare, evaluate, report
-from litsim_sim.core.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "your-own-recording.md"
@@ -53,13 +51,9 @@ def commands(text: str) -> Iterator[str]:
 
 
 @pytest.fixture
-def checkout(tmp_path: Path) -> Path:
+def checkout(tmp_path: Path, netconvert: None) -> Path:
     """A folder that looks like this checkout to the commands of the page."""
     pytest.importorskip("lanelet2", reason="the lanelet2 package is not installed: requirements/maps.txt")
-    try:
-        find_netconvert()
-    except InputError as error:
-        pytest.skip(str(error))
     (tmp_path / "tests").symlink_to(ROOT / "tests")
     (tmp_path / "litsim").symlink_to(ROOT / "litsim")
     return tmp_path

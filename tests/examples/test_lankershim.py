@@ -11,8 +11,6 @@ import pandas as pd
 import pytest
 
 from litsim_data.maps.map_format import CommonRoad
-from litsim_data.maps.netconvert import find_netconvert
-from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.lane_map.signal_links import read_links
@@ -113,11 +111,8 @@ def test_vehicles_that_no_offset_explains_are_counted(windows: ModuleType) -> No
 
 
 @pytest.mark.data
+@pytest.mark.usefixtures("netconvert")
 def test_the_plan_is_of_the_map(windows: ModuleType, real_data: Callable[..., Path], tmp_path: Path) -> None:
-    try:
-        find_netconvert()
-    except InputError as error:
-        pytest.skip(str(error))
     CommonRoad().write_net(real_data(windows.MAP), None, tmp_path / "l.net.xml")
     plan = read_yaml(FOLDER / "plan.yaml", SignalsFile)
     signals = signals_of(plan, read_links(tmp_path / "l.net.xml"), 1001)

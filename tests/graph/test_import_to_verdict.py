@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 
 import made_sources
-from litsim_data.maps.netconvert import find_netconvert
-from litsim_sim.core.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
 EVALUATE = (
@@ -19,11 +17,8 @@ EVALUATE = (
 
 
 @pytest.mark.graph
+@pytest.mark.usefixtures("netconvert")
 def test_two_commands_from_a_download_to_a_verdict(tmp_path: Path) -> None:
-    try:
-        find_netconvert()
-    except InputError as error:
-        pytest.skip(str(error))
     made_sources.argoverse(tmp_path / "download")
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for command in ("data import download mine", EVALUATE):

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from command_line import refusal
 from litsim_data import cli as data
 from litsim_data.exports import reading
 from litsim_data.exports import table as export
@@ -64,10 +65,9 @@ def test_convert_with_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert len(Recording.read(tmp_path / "out.parquet").table) == 20
     before = source.read_bytes(), mapping.read_bytes()
     for given, out in ((source, source), (source, mapping)):
-        with pytest.raises(SystemExit) as stopped:
-            data.main(["convert", str(given), str(out), "--mapping", str(mapping)])
-        assert stopped.value.code == 2
-        assert f"{out}: is the input {out} itself, expected another file" in capsys.readouterr().err
+        assert f"{out}: is the input {out} itself, expected another file" in refusal(
+            capsys, data.main, "convert", given, out, "--mapping", mapping
+        )
     assert (source.read_bytes(), mapping.read_bytes()) == before
 
 
@@ -109,10 +109,7 @@ def test_one_mapping_for_several_recordings_with_vehicles_of_their_own(
         ([], "--vehicles goes with --mapping"),
         (["--mapping", str(tmp_path / "plain.yaml")], "field"),
     ):
-        with pytest.raises(SystemExit) as stopped:
-            data.main([*command, *options, *second])
-        assert stopped.value.code == 2
-        assert said in capsys.readouterr().err
+        assert said in refusal(capsys, data.main, *command, *options, *second)
 
 
 def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -182,10 +179,7 @@ def test_errors_take_one_line_and_status_2(
     write_text(table(Traffic(US101, "0750", 2)), tmp_path / "cut.txt")
     text = (tmp_path / "cut.txt").read_text()
     (tmp_path / "cut.txt").write_text(text[: len(text) - 60])
-    with pytest.raises(SystemExit) as stopped:
-        data.main(arguments)
-    assert stopped.value.code == 2
-    said = capsys.readouterr().err.strip().splitlines()
+    said = refusal(capsys, data.main, *arguments).strip().splitlines()
     assert message in said[-1]
     if arguments[0] not in ("map", "info") and "cut.txt" not in arguments:  # those show their progress before
         assert len(said) == 1
@@ -279,10 +273,9 @@ def test_plot_shows_the_signals_that_are_named_instead_of_the_recordings_own(
 
     part = Recording.read(STREET)
     Recording.of_table(replace(part.header, net="", signals={}), part.table).write(tmp_path / "netless.parquet")
-    with pytest.raises(SystemExit) as stopped:
-        data.main(["plot", str(tmp_path / "netless.parquet"), *options])
-    assert stopped.value.code == 2
-    assert "signals need a net: name it with --net" in capsys.readouterr().err
+    assert "signals need a net: name it with --net" in refusal(
+        capsys, data.main, "plot", tmp_path / "netless.parquet", *options
+    )
 
 
 def test_plot_says_which_lanes_it_leaves_out(tmp_path: Path, track: type, monkeypatch: pytest.MonkeyPatch) -> None:

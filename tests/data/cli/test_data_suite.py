@@ -1,6 +1,7 @@
 """`data suite`: arguments, table, picture and file."""
 
 import shutil
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pandas as pd
 import pytest
 
 from campaigns import scenario_file
+from command_line import status
 from litsim_data import cli as data
 from litsim_data.cli.suite import find, parse_events
 from litsim_data.mining.events import EventKind
@@ -15,20 +17,13 @@ from litsim_eval.campaign.suite import Suite
 from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, InputError
 from litsim_sim.scenario.scenario import Scenario
 
-
-def status(*words: str | Path) -> int | None:
-    """Exit status of the command."""
-    try:
-        data.main(["suite", *map(str, words)])
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
+called = partial(status, data.main, "suite")
 
 
 def test_the_demo_gives_a_suite_and_the_same_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, again = tmp_path / "hard.yaml", tmp_path / "again.yaml"
     asked = ("demo", "--events", "lane_change,cut_in=1", "--hardest", "2", "--ego", "idm", "bat")
-    assert status(*asked, "--out", out) == 0
+    assert called(*asked, "--out", out) == 0
     printed = capsys.readouterr().out
     assert "lane change" in printed and "merge" not in printed
     suite = Suite.load(out)
@@ -36,7 +31,7 @@ def test_the_demo_gives_a_suite_and_the_same_again(tmp_path: Path, capsys: pytes
     assert [ego.kind for ego in suite.egos] == ["idm", "bat"]
     assert sorted(tag for case in suite.cases for tag in case.tags) == ["cut_in", "lane_change", "lane_change"]
     assert all(case.scenario == "demo" for case in suite.cases)
-    assert status(*asked, "--name", "hard", "--out", again) == 0
+    assert called(*asked, "--name", "hard", "--out", again) == 0
     assert again.read_bytes() == out.read_bytes()
 
 
@@ -44,7 +39,7 @@ def test_the_hardest_are_at_least_as_hard_as_a_spread(tmp_path: Path) -> None:
     worst = {}
     for how in ("--hardest", "--spread"):
         out = tmp_path / f"{how.strip('-')}.yaml"
-        assert status("demo", "--events", "lane_change", how, "3", "--out", out) == 0
+        assert called("demo", "--events", "lane_change", how, "3", "--out", out) == 0
         worst[how] = sorted(case.events[0]["severity"] for case in Suite.load(out).cases)
     assert len(worst["--hardest"]) == len(worst["--spread"]) == 3
     assert worst["--hardest"][2] == worst["--spread"][2]
@@ -90,12 +85,12 @@ def test_an_event_that_the_end_of_a_piece_cuts_off_is_of_the_first(tmp_path: Pat
 def test_bad_arguments_are_said_in_one_line(
     words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert status(*words) == EXIT_INPUT
+    assert called(*words) == EXIT_INPUT
     assert said in capsys.readouterr().err
 
 
 def test_nothing_found_is_no_success(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert status("demo", "--events", "left_turn", "--out", tmp_path / "s.yaml") == EXIT_FAILED
+    assert called("demo", "--events", "left_turn", "--out", tmp_path / "s.yaml") == EXIT_FAILED
     assert f"error: no event is found: {tmp_path / 's.yaml'} is not written" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
@@ -111,9 +106,9 @@ def test_a_packed_suite_stands_for_itself(tmp_path: Path) -> None:
     source, out = tmp_path / "source", tmp_path / "packed.yaml"
     late = scenario_file(source, "late", start_frame=5, simulation_s=15.0)
     asked = (late, "--events", "lane_change", "--hardest", "2", "--out", out)
-    assert status(*asked) == 0
+    assert called(*asked) == 0
     plain = Suite.load(out)
-    assert status(*asked, "--pack") == 0
+    assert called(*asked, "--pack") == 0
     before = Scenario.load(late)
     shutil.rmtree(source)
     packed = Suite.load(out)

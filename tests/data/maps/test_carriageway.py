@@ -10,7 +10,6 @@ from litsim_data.cli import main
 from litsim_data.maps.carriageway import MARGIN, fit_carriageway
 from litsim_data.maps.check import check_net
 from litsim_data.maps.connectivity import connectivity
-from litsim_data.maps.netconvert import find_netconvert
 from litsim_data.maps.placement import lane_numbers
 from litsim_data.maps.positions import positions_of
 from litsim_sim.core.errors import InputError
@@ -20,14 +19,6 @@ from litsim_sim.scenario.scenario import packaged
 
 WIDTHS = np.array([3.7, 3.5, 3.4, 3.6, 3.6])
 CENTRES = np.cumsum(WIDTHS) - 0.5 * WIDTHS
-
-
-@pytest.fixture
-def netconvert() -> None:
-    try:
-        find_netconvert()
-    except InputError as error:
-        pytest.skip(str(error))
 
 
 def bend(x: np.ndarray) -> np.ndarray:

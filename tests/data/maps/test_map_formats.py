@@ -16,7 +16,7 @@ from litsim_data.maps.connectivity import connectivity
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet
 from litsim_data.maps.map_format import CommonRoad, Lanelet2
 from litsim_data.maps.net_builder import write_graph
-from litsim_data.maps.netconvert import find_netconvert, import_opendrive
+from litsim_data.maps.netconvert import import_opendrive
 from litsim_sim.core.errors import InputError
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.signal_links import read_links
@@ -24,12 +24,7 @@ from litsim_sim.lane_map.signal_links import read_links
 WIDTH = 3.5
 
 
-@pytest.fixture(autouse=True, scope="module")
-def netconvert() -> None:
-    try:
-        find_netconvert()
-    except InputError as error:
-        pytest.skip(str(error))
+pytestmark = pytest.mark.usefixtures("netconvert")
 
 
 def straight(name: str, start: tuple[float, float], end: tuple[float, float], *successors: str) -> Lanelet:

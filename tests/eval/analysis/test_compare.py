@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from command_line import refusal, status
 from litsim_eval.analysis.compare import compare, load, names_of
 from litsim_eval.cli import compare as command
 from litsim_sim.core.errors import InputError
@@ -103,14 +104,10 @@ def test_what_is_no_run_is_refused(tmp_path: Path, text: str, capsys) -> None:
     path.write_text(text)
     with pytest.raises(InputError, match="measures"):
         load(path)
-    with pytest.raises(SystemExit) as ended:
-        command.main([str(path), str(tmp_path / "none")])
-    assert ended.value.code == 2 and "error:" in capsys.readouterr().err
+    assert "error:" in refusal(capsys, command.main, path, tmp_path / "none")
     with pytest.raises(InputError, match="no such bag"):
         load(tmp_path / "none")
 
 
 def test_one_run_is_too_few(tmp_path: Path) -> None:
-    with pytest.raises(SystemExit) as ended:
-        command.main([str(tmp_path)])
-    assert ended.value.code == 2
+    assert status(command.main, tmp_path) == 2

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import litsim_sim
+from command_line import refusal, status
 from litsim_eval.analysis.identity import digest
 from litsim_eval.analysis.lockstep import problems
 from litsim_eval.analysis.metrics import compute_metrics, write_metrics
@@ -255,9 +256,7 @@ def test_a_run_that_is_not_valid_is_measured_and_said_to_be(
 ) -> None:
     failed = Status(STEPS, "bridge", StageState.FAILED, 0.0, "no answer to step 60")
     folder = write_run(replace(run, statuses=[failed]), tmp_path / "bag")
-    with pytest.raises(SystemExit) as stop:
-        main([str(folder), "--quiet"])
-    assert stop.value.code == 1
+    assert status(main, folder, "--quiet") == 1
     metrics = json.loads((folder / "metrics.json").read_text())
     said = capsys.readouterr()
     assert said.err == f"error: {folder}: the run is not valid: {metrics['why']}\n" and "step 60" in metrics["why"]
@@ -270,10 +269,9 @@ def test_output_that_cannot_be_written_is_named(
 ) -> None:
     folder = write_run(run, tmp_path / "bag")
     (folder / name).mkdir() if name in FILES else (folder / name).touch()
-    with pytest.raises(SystemExit) as stop:
-        main([str(folder), *([] if name in FILES else ["--out", str(folder / name)])])
-    assert stop.value.code == 2
-    assert f"error: {folder / name}: cannot be written: " in capsys.readouterr().err
+    assert f"error: {folder / name}: cannot be written: " in refusal(
+        capsys, main, folder, *([] if name in FILES else ["--out", str(folder / name)])
+    )
     assert not [path for path in folder.iterdir() if path.name.startswith(".")]
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from campaigns import EGO, metrics, stored
+from command_line import refusal, status
 from litsim_eval.cli.compare import main
 from litsim_sim.scenario.scenario import Scenario
 
@@ -28,9 +29,7 @@ def by_vehicle(count: int) -> dict[str, Any]:
 
 def test_a_newly_failing_case_is_status_1_with_both_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before, after = by_faults(tmp_path / "a", [0, 1, 0]), by_faults(tmp_path / "b", [0, 0, 1])
-    with pytest.raises(SystemExit) as ended:
-        main([before, after])
-    assert ended.value.code == 1
+    assert status(main, before, after) == 1
     out = capsys.readouterr().out
     assert f"1 of 3 newly failing\n  demo/{EGO}/idm/litsim/2\n    was passed\n" in out
     assert "    is failed\n      no contact at fault: collision.ego_at_fault is 1, expected at most 0\n" in out
@@ -75,10 +74,7 @@ def test_what_is_no_pair_of_campaigns_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], others: list[str], said: str
 ) -> None:
     before = by_faults(tmp_path / "a", [0])
-    with pytest.raises(SystemExit) as ended:
-        main([before, *(str(tmp_path / other) for other in others)])
-    assert ended.value.code == 2
-    assert said in capsys.readouterr().err
+    assert said in refusal(capsys, main, before, *(str(tmp_path / other) for other in others))
 
 
 def test_enough_vehicles_are_not_called_few(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -91,11 +87,7 @@ def test_enough_vehicles_are_not_called_few(tmp_path: Path, capsys: pytest.Captu
 
 def test_a_campaign_alone_is_compared_with_what_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = by_faults(tmp_path / "a", [0, 0])
-    with pytest.raises(SystemExit) as ended:
-        main([folder])
-    assert ended.value.code == 2 and "nothing has changed in this campaign yet" in capsys.readouterr().err
+    assert "nothing has changed in this campaign yet" in refusal(capsys, main, folder)
     stored(tmp_path / "a", [metrics(0), metrics(1)], sources="c")
-    with pytest.raises(SystemExit) as ended:
-        main([folder])
-    assert ended.value.code == 1
+    assert status(main, folder) == 1
     assert f"1 of 2 newly failing\n  demo/{EGO}/idm/litsim/1\n" in capsys.readouterr().out

@@ -2,11 +2,13 @@
 
 import csv
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from command_line import status
 from litsim_eval.cli import credibility
 from made_encounters import encounter_note
 from planted_drivers import encounter_files
@@ -18,13 +20,7 @@ ASKED = (
 )
 
 
-def called(*words: object) -> int:
-    """Exit status of `credibility` with these words, in this process."""
-    try:
-        credibility.main([str(word) for word in words])
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
+called = partial(status, credibility.main)
 
 
 @pytest.fixture(scope="module")

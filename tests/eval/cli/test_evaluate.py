@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import pytest
 import yaml
 
 from campaigns import EGO, scenario_file, told
+from command_line import status
 from litsim_eval.cli import evaluate, run
 from litsim_sim.scenario.scenario import packaged
 
@@ -36,13 +38,7 @@ def criteria(tmp_path: Path) -> Path:
     return path
 
 
-def called(*words: object) -> int:
-    """Exit status of `evaluate` with these words, in this process."""
-    try:
-        evaluate.main([str(word) for word in words])
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
+called = partial(status, evaluate.main)
 
 
 def results(out: Path) -> dict[str, Any]:
@@ -167,7 +163,7 @@ def test_intervals_stand_behind_the_figures_on_demand(capsys, tmp_path) -> None:
 
 def test_several_egos_and_values_are_variants(capsys, tmp_path, criteria) -> None:
     """Taken over by predicted contacts, those behind the ego are held for less time if their logs may be shifted."""
-    waves = {"recording": str(packaged("scenarios/us101_like.parquet")), "ego": 7, "egos": [7]}
+    waves = {"recording": str(packaged("scenarios/us101_like.parquet")), "ego": 7, "egos": [7], "simulation_s": 14.0}
     words = ["--policy", "replay", "yield", "--set", "conflict.handback=catch_up,time_shift", "conflict.unlikely=0"]
     words += ["--ego-id", "ego"]
     words += ["--scenario", scenario_file(tmp_path, "waves", **waves)]

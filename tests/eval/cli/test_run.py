@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from command_line import status
 from litsim_eval.cli import run
 from litsim_sim.core.errors import EXIT_INTERRUPTED
 from litsim_sim.launch.signals import SIGNALS
@@ -24,7 +25,5 @@ def test_one_that_is_ended_says_so_in_a_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], number: signal.Signals
 ) -> None:
     monkeypatch.setattr(run, "run", lambda _: signal.raise_signal(number))
-    with pytest.raises(SystemExit) as ended:
-        run.main(["--scenario", "demo", "--ego", "idm", "--policy", "litsim"])
-    assert ended.value.code == EXIT_INTERRUPTED
+    assert status(run.main, "--scenario", "demo", "--ego", "idm", "--policy", "litsim") == EXIT_INTERRUPTED
     assert capsys.readouterr().err == "\ninterrupted: the run is not measured\n"

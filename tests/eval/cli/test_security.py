@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from command_line import refusal
 from litsim_eval.cli.security import main
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER
 from litsim_sim.launch.nodes import program_of
@@ -43,9 +44,6 @@ def test_all_nodes_of_a_stack_are_in_one_enclave(tmp_path: Path, capsys: pytest.
 def test_a_stack_that_is_not_said_in_full_is_told(
     tmp_path: Path, words: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["--out", str(tmp_path / "policy.xml"), *words])
-    assert ended.value.code == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = refusal(capsys, main, "--out", tmp_path / "policy.xml", *words).splitlines()
     assert said in line
     assert not list(tmp_path.iterdir())

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from campaigns import cases, page_of, suite
+from command_line import refusal
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.results import RunResult
 from litsim_eval.cli import report
@@ -178,10 +179,7 @@ def test_command_line(campaign: Write, tmp_path: Path, capsys: pytest.CaptureFix
     folder = campaign(tmp_path)
     report.main([str(folder)])
     assert capsys.readouterr().out.startswith(f"{folder / 'experiment.html'} (0.")
-    with pytest.raises(SystemExit) as stop:
-        report.main(["nowhere"])
-    assert stop.value.code == 2
-    assert "nowhere" in capsys.readouterr().err
+    assert "nowhere" in refusal(capsys, report.main, "nowhere")
 
 
 def test_variants_without_a_result_yet_are_there(campaign: Write, tmp_path: Path) -> None:

@@ -10,12 +10,10 @@ import yaml
 
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet, around
 from litsim_data.maps.net_builder import write_graph
-from litsim_data.maps.netconvert import find_netconvert
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.cli.run import parser
 from litsim_eval.runs.runner import Runner, record
 from litsim_sim.cli.run_arguments import plan_of
-from litsim_sim.core.errors import InputError
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.scenario import packaged
@@ -59,11 +57,8 @@ def driven(folder: Path, *, left_hand: bool) -> dict[str, Any]:
     return {name: value for name, value in metrics.items() if name not in ("run_id", "digest", "timing")}
 
 
+@pytest.mark.usefixtures("netconvert")
 def test_a_mirrored_world_gives_the_mirrored_run(tmp_path: Path) -> None:
-    try:
-        find_netconvert()
-    except InputError as error:
-        pytest.skip(str(error))
     right, left = driven(tmp_path / "right", left_hand=False), driven(tmp_path / "left", left_hand=True)
     assert right["takeovers"] > 0
     same(left, right, "")

@@ -12,6 +12,7 @@ import pytest
 
 import campaigns
 from campaigns import told
+from command_line import status
 from litsim_eval.campaign.case import code_versions
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.cli import evaluate
@@ -75,11 +76,7 @@ def start(scenario: str, out: Path, *words: str) -> subprocess.Popen[str]:
 
 def status_here(scenario: str, out: Path) -> int:
     """Exit status of the same campaign in this process."""
-    try:
-        evaluate.main(["--scenario", scenario, *WORDS, "--out", str(out)])
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
+    return status(evaluate.main, "--scenario", scenario, *WORDS, "--out", out)
 
 
 def tree(of: int) -> dict[int, str]:

@@ -10,6 +10,7 @@ import yaml
 from litsim_msgs.msg import Controls, RunInfo, StageStatus, Takeover, Takeovers
 from rclpy.serialization import serialize_message
 
+from command_line import status
 from litsim_eval.cli import rerun as command
 from litsim_eval.runs.message_diff import differences
 from litsim_eval.runs.recorded_run import open_record
@@ -203,12 +204,7 @@ def test_a_record_without_a_complete_step_is_refused(write: Any) -> None:
 
 def test_exit_status_and_words(write: Any, answered: Any, tmp_path: Path, capsys: Any) -> None:
     def main(*words: object) -> tuple[int, str]:
-        code = 0
-        try:
-            command.main([str(word) for word in words])
-        except SystemExit as ended:
-            code = ended.code
-        said = capsys.readouterr()
+        code, said = status(command.main, *words), capsys.readouterr()
         return code, said.out + said.err
 
     step = next(k for t, k, m in answered[2] if t == topics.CONTROLS.name and m.id)

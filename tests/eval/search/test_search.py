@@ -11,6 +11,7 @@ import pytest
 import yaml
 from junitparser import JUnitXml
 
+from command_line import status
 from litsim_eval.campaign.case import cases_of, code_versions
 from litsim_eval.campaign.suite import Suite
 from litsim_eval.cli import compare, evaluate, search
@@ -47,18 +48,10 @@ def suite(make_scenario, track, lane_centres, tmp_path_factory) -> Path:
     return path
 
 
-def called(program: Any, *words: object) -> int:
-    """Exit status of a program with these words, in this process."""
-    try:
-        return int(program.main([str(word) for word in words]) or 0)
-    except SystemExit as stop:
-        return int(stop.code or 0)
-
-
 @pytest.fixture(scope="module")
 def found(suite: Path, tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("found") / "out"
-    assert called(search, "--suite", suite, "--runs", RUNS, "--out", out, "--at-least", 0.5) in (0, 1)
+    assert status(search.main, "--suite", suite, "--runs", RUNS, "--out", out, "--at-least", 0.5) in (0, 1)
     return out
 
 
@@ -75,7 +68,7 @@ def test_margin_of_an_ego_that_never_brakes(found: Path) -> None:
 
 def test_failures_are_a_suite_with_equal_digests(found: Path, tmp_path: Path) -> None:
     margins = Margins.read(found).scenarios[0]
-    assert called(evaluate, "--suite", found / "failures.yaml", "--out", tmp_path / "again") == 1
+    assert status(evaluate.main, "--suite", found / "failures.yaml", "--out", tmp_path / "again") == 1
     runs = json.loads((tmp_path / "again/results.json").read_text())["runs"]
     digests = {run["case"]["name"].split("/")[0]: run["metrics"]["digest"] for run in runs}
     assert digests == {each.name: each.digest for each in margins.failures}
@@ -106,7 +99,7 @@ def test_an_interrupted_search_goes_on_with_what_is_there(suite: Path, found: Pa
     for path in results[::3]:
         path.unlink()
     before = {path: path.stat().st_mtime_ns for path in results if path.exists()}
-    assert called(search, "--suite", suite, "--runs", RUNS, "--out", out) in (0, 1)
+    assert status(search.main, "--suite", suite, "--runs", RUNS, "--out", out) in (0, 1)
     assert {path: path.stat().st_mtime_ns for path in before} == before, "no run twice"
     assert all(path.exists() for path in results)
     assert Margins.read(out).scenarios[0].runs == Margins.read(found).scenarios[0].runs
@@ -114,7 +107,7 @@ def test_an_interrupted_search_goes_on_with_what_is_there(suite: Path, found: Pa
 
 def test_another_search_in_the_folder_is_refused(suite: Path, found: Path, capsys) -> None:
     words = ("--suite", suite, "--runs", RUNS, "--out", found, "--search-seed", 1)
-    assert called(search, *words) == 2
+    assert status(search.main, *words) == 2
     assert "holds another search; expected another --out, or --overwrite" in capsys.readouterr().err
 
 
@@ -128,14 +121,14 @@ def test_another_search_in_the_folder_is_refused(suite: Path, found: Path, capsy
     ],
 )
 def test_bad_input(suite: Path, tmp_path: Path, capsys, words: list[str], said: str) -> None:
-    assert called(search, "--suite", suite, "--out", tmp_path / "out", *words) == 2
+    assert status(search.main, "--suite", suite, "--out", tmp_path / "out", *words) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
 def test_without_optuna(suite: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setattr("litsim_eval.search.search.find_spec", lambda _: None)
-    assert called(search, "--suite", suite, "--out", tmp_path / "out") == 2
+    assert status(search.main, "--suite", suite, "--out", tmp_path / "out") == 2
     assert "Optuna is not installed: .venv/bin/pip install -r requirements/search.txt" in capsys.readouterr().err
 
 
@@ -154,7 +147,7 @@ def test_an_external_stack_is_screened_by_idm(suite: Path, tmp_path: Path) -> No
 
 
 def test_only_named_changes_vary(suite: Path, tmp_path: Path) -> None:
-    called(search, "--suite", suite, "--runs", 4, "--change", "start", "--out", tmp_path / "out")
+    status(search.main, "--suite", suite, "--runs", 4, "--change", "start", "--out", tmp_path / "out")
     tried = pq.read_table(tmp_path / "out/tried.parquet").to_pandas()
     assert set(tried["act"]) == {"nothing"} and "start.left" in tried
 
@@ -177,10 +170,10 @@ def test_margins_of_two_versions(found: Path, tmp_path: Path, capsys) -> None:
     for name, one in (("before", before), ("after", after)):
         (tmp_path / name).mkdir()
         one.write(tmp_path / name)
-    assert called(compare, tmp_path / "before", tmp_path / "after") == 1
+    assert status(compare.main, tmp_path / "before", tmp_path / "after") == 1
     printed = capsys.readouterr().out
     assert re.search(r"c/1\s+6.00\s+5.00\s+-1.00", printed) and "mean change -1.00" in printed
-    assert called(compare, tmp_path / "after", tmp_path / "before") == 0
+    assert status(compare.main, tmp_path / "after", tmp_path / "before") == 0
     with pytest.raises(InputError, match="no scenario in common"):
         compare_margins(before, changed(margins, x=1.0))
 

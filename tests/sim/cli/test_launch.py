@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from command_line import refusal, status
 from litsim_eval.campaign.suite import CAMPAIGN_FILE
 from litsim_sim.cli import launch
 from litsim_sim.cli.launch import main
@@ -70,10 +71,7 @@ def test_options_that_are_wrong(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as stop:
-        main(list(words))
-    assert stop.value.code == 2
-    assert said in capsys.readouterr().err.splitlines()[-1]
+    assert said in refusal(capsys, main, *words).splitlines()[-1]
     assert not list(tmp_path.iterdir()), "nothing is left behind"
 
 
@@ -82,9 +80,7 @@ def test_no_run_is_recorded_into_the_folder_of_a_campaign(
     more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / CAMPAIGN_FILE).write_text("{}")
-    with pytest.raises(SystemExit) as stop:
-        main(["--out", str(tmp_path), *more])
-    assert stop.value.code == 2
+    assert status(main, "--out", tmp_path, *more) == 2
     said = f"error: {tmp_path}: the folder of a campaign, expected one of a run; give another --out"
     assert errors(capsys) == [said]
     assert [path.name for path in tmp_path.iterdir()] == [CAMPAIGN_FILE]
@@ -98,7 +94,8 @@ def test_a_run_that_has_failed_ends_so_where_its_reason_cannot_be_written_down(
         raise GraphFailed("the disk is full")
 
     monkeypatch.setattr(launch, "_run", fails)
-    with pytest.raises(SystemExit) as stop:
-        launch.main(["--ego", "log", "--policy", "replay", "--out", str(tmp_path / "out"), "--no-analyze", "--quiet"])
-    assert stop.value.code == 1
+    assert (
+        status(launch.main, "--ego", "log", "--policy", "replay", "--out", tmp_path / "out", "--no-analyze", "--quiet")
+        == 1
+    )
     assert errors(capsys) == [f"error: the disk is full (logs: {tmp_path / 'out' / 'log'})"]

@@ -2,6 +2,7 @@
 
 import pytest
 
+from command_line import refusal
 from litsim_sim.cli.live import main
 
 
@@ -17,7 +18,4 @@ from litsim_sim.cli.live import main
     ],
 )
 def test_bad_words_are_refused(words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        main([*words])
-    assert end.value.code == 2
-    assert said in capsys.readouterr().err
+    assert said in refusal(capsys, main, *words)
