@@ -1,19 +1,28 @@
 """`paper --quick`: every experiment from runs to tables, figures and page; what is there already is not run again."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from command_line import refusal
 from litsim_eval.campaign.results import read_campaign
 from litsim_research.cli.paper import CAPTIONS, FIGURES, SHOWN, main
-from litsim_research.paper import case_studies, running
-from litsim_research.paper.case_studies import AFTER_S, BEFORE_S, EVENTS, LEFT_TURN, chosen, drawn
+from litsim_research.paper import case_studies, figures, roads, running
+from litsim_research.paper.case_studies import AFTER_S, BEFORE_S
 from litsim_research.paper.experiments import BASELINES
 from litsim_research.paper.page import END, begin
 from litsim_research.paper.tables import GoalRow, Row, goals_table, read_csv, summary
 
 PARTS = (*SHOWN, FIGURES)
 EMPTY = "Not made yet."
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _short_runs() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(roads, "QUICK_S", 2.0)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -83,16 +92,24 @@ def test_the_other_experiments(out: Path, what: str, egos: list[str], rows: tupl
     assert methods_in(out / f"results/{what}.csv") == {name: {"2"} for name in rows}
 
 
-def test_the_case_study_of_the_street(out: Path) -> None:
+@pytest.fixture
+def _one_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    turns = case_studies.left_turns
+    monkeypatch.setattr(case_studies, "left_turns", lambda files: turns(files)[-1:])
+
+
+@pytest.mark.usefixtures("_one_turn")
+def test_the_case_study_of_the_street(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A quick trial has such a case; its picture is drawn, and shown on the page."""
+    save, saved = figures.save, []
+    monkeypatch.setattr(figures, "save", lambda canvas, *where: saved.append(canvas) or save(canvas, *where))
     main(["cases", *options(out)])
-    study = chosen(read_campaign(out / "out/cases_left_turn"), EVENTS[LEFT_TURN])
-    assert study is not None
     assert (out / "out/figures/case_left_turn.png").is_file()
     assert "](out/figures/case_left_turn.png)" in (out / "results.md").read_text()
-    assert len(drawn(LEFT_TURN, study).axes) == 2 * len([*BEFORE_S, AFTER_S])
+    assert [len(canvas.axes) for canvas in saved] == [2 * len([*BEFORE_S, AFTER_S])]
 
 
+@pytest.mark.usefixtures("_one_turn")
 def test_without_a_case_the_picture_of_other_runs_goes(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     picture = out / "out/figures/case_left_turn.png"
     picture.parent.mkdir(parents=True, exist_ok=True)
@@ -106,18 +123,11 @@ def test_without_recorded_data_the_real_window_is_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delenv("LITSIM_DATA", raising=False)
-    with pytest.raises(SystemExit) as status:
-        main(["table", "--quick", "--sets", "real", "--out", str(tmp_path)])
-    assert status.value.code == 2
-    assert "LITSIM_DATA is not set" in capsys.readouterr().err
+    assert "LITSIM_DATA is not set" in refusal(capsys, main, "table", "--quick", "--sets", "real", "--out", tmp_path)
 
 
 def test_a_page_that_is_not_there_is_said_before_anything_is_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit) as status:
-        main(
-            ["table", "--quick", "--sets", "highway", "--out", str(tmp_path / "out"), "--page", str(tmp_path / "no.md")]
-        )
-    assert status.value.code == 2
-    assert "no.md" in capsys.readouterr().err and not (tmp_path / "out").exists()
+    words = ("table", "--quick", "--sets", "highway", "--out", tmp_path / "out", "--page", tmp_path / "no.md")
+    assert "no.md" in refusal(capsys, main, *words) and not (tmp_path / "out").exists()
