@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
-from litsim_policy.motion.habits import Habits
+from litsim_policy.motion.habits import Habits, usual_headway
+from litsim_policy.motion.log_leaders import VERTICES
 from litsim_policy.motion.speed_change import USUAL_HEADWAY
 
 
-def headway(log, step: int) -> float:
-    return float(Habits(log).headways(np.array([0]), np.array([step]))[0])
+def headway(log, *steps: int) -> float:
+    """The usual headway of the first driver at the last of `steps`, at each of which it is asked for."""
+    habits = Habits(log)
+    return [usual_headway(habits.columns, 0, step, habits.seen, np.empty((VERTICES, 5))) for step in steps][-1]
 
 
 def test_it_approaches_what_the_driver_keeps(make_scenario, track) -> None:
@@ -33,7 +36,4 @@ def test_later_steps_do_not_count(make_scenario, track) -> None:
 
 def test_it_goes_on_from_question_to_question(make_scenario, track) -> None:
     log = make_scenario(track(1, x=100.0), track(2, x=124.5), coverage_min=0.0).log
-    habits, rows = Habits(log), np.array([0])
-    for step in (0, 10, 40):
-        last = habits.headways(rows, np.array([step]))[0]
-    assert last == pytest.approx(headway(log, 40))
+    assert headway(log, 0, 10, 40) == pytest.approx(headway(log, 40))

@@ -14,6 +14,7 @@ import numpy as np
 
 from litsim_policy.conflict.detector import Conflict
 from litsim_policy.conflict.likelihood import as_recorded
+from litsim_policy.motion.arcs import arc_of
 from litsim_sim.core.pair_geometry import overlap, within_scenes
 from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray, Kind
 from litsim_sim.core.takeover import TakeoverReason
@@ -94,19 +95,6 @@ class Logs(NamedTuple):
 
 
 @kernel
-def _arc(agents: AgentArrays, j: int, pedal: float) -> Floats2:
-    """Returns where agent `j` is at the next instants (T, 3), x, y [m], yaw [rad]: on its arc, at `pedal` [m/s2]."""
-    x, y, yaw, bend = agents.x[j], agents.y[j], agents.yaw[j], agents.yaw_rate[j] / max(agents.speed[j], 1.0)
-    arc = np.empty((_INSTANTS, 3))
-    for k in range(_INSTANTS):
-        gone = STEP_S * max(agents.speed[j] + pedal * STEP_S * (k + 1), 0.0)
-        yaw += bend * gone
-        x, y = x + gone * math.cos(yaw), y + gone * math.sin(yaw)
-        arc[k, 0], arc[k, 1], arc[k, 2] = x, y, yaw
-    return arc
-
-
-@kernel
 def _box(agents: AgentArrays, own: int, j: int) -> tuple[float, float]:
     """Returns length and width [m] of agent `own` with the gaps around it, or without if `j` is nearer than these."""
     gap = _GAP_WALKING if agents.kind[own] == _PEDESTRIAN else _GAP_CYCLING
@@ -162,10 +150,12 @@ def _ways_ahead(logs: Logs, agents: AgentArrays, rows: Ints, others: Bools) -> t
         for j in range(begin[i], end[i]):
             if not others[j]:
                 continue
-            arc = _arc(agents, j, agents.acceleration[j])
+            arc = arc_of(agents, j, agents.acceleration[j], _INSTANTS)
             touch = _first_touch(logs, i, agents, own, j, arc)
-            brakes = min(agents.acceleration[j], -BRAKES)
-            if touch < 0 or _first_touch(logs, i, agents, own, j, _arc(agents, j, brakes)) < 0:
+            if touch < 0:
+                continue
+            braked = arc_of(agents, j, min(agents.acceleration[j], -BRAKES), _INSTANTS)
+            if _first_touch(logs, i, agents, own, j, braked) < 0:
                 continue
             steps = _steps_before(logs, i, agents, own, j, arc)
             free = min(now + steps, logs.last[i])

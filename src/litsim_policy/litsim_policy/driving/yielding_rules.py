@@ -12,6 +12,7 @@ import numpy as np
 
 from litsim_policy.driving.look_ahead import ROUNDING
 from litsim_policy.motion.along_path import AlongPath
+from litsim_policy.motion.arcs import arc_of
 from litsim_policy.motion.car_following import LEADER_BRAKES, IdmValues, Leaders, braking_behind, idm, safe_speed
 from litsim_policy.motion.path_batch import PathBatch, nearest, place_at
 from litsim_sim.core.pair_geometry import overlap, within_scenes
@@ -37,7 +38,6 @@ EMERGENCIES = np.array([5.0, 8.0])
 do. Untuned."""
 WALKING_MIN = 0.1  # [m/s] speed below which walkers and cyclists stand: nobody walks so slowly. Untuned
 RETURN = 1.0  # [s] time constant with which agents return to their paths; that of `conflict.futures`
-TURNING_MIN = 1.0  # [m/s] least speed at which the yaw rate defines the arc of an agent
 SAME_WAY = math.cos(math.pi / 4)  # cosine of the largest angle between headings of agents that do not cross
 
 
@@ -146,36 +146,30 @@ def make_room(wanted: Floats, paths: PathBatch, own_s: Floats, agents: AgentArra
 
 @kernel
 def contact_time(
-    pedal: float, paths: PathBatch, p: int, own_s: float, agents: AgentArrays, own: int, j: int, horizon: float
+    pedal: float, paths: PathBatch, p: int, own_s: float, agents: AgentArrays, own: int, j: int, arc: Floats2
 ) -> float:
-    """Time [s] until agent `own`, at acceleration `pedal` on path `p`, runs into agent `j`; `horizon` [s] for never.
+    """Time [s] until agent `own`, at acceleration `pedal` on path `p`, runs into agent `j` on its `arc`; else infinity.
 
     It runs into `j` if the centre of `j` is ahead when the boxes meet, that of `j` with a margin around it; into
-    walkers and cyclists, who do not look out for it, wherever they meet. Agent `j` is assumed to continue along its arc
-    with its present acceleration. Before walkers and cyclists, the offset of `own` from its path counts, which fades.
+    walkers and cyclists, who do not look out for it, wherever they meet. Before these, the offset of `own` from its
+    path counts, which fades.
     """
     walks = walks_or_cycles(agents.kind[j])
     offset = nearest(paths, p, agents.x[own], agents.y[own])[2] if walks else 0.0
-    s, other_x, other_y, other_yaw = own_s, agents.x[j], agents.y[j], agents.yaw[j]
-    bend = agents.yaw_rate[j] / max(agents.speed[j], TURNING_MIN)
-    length, width = agents.length[own], agents.width[own]
+    s, length, width = own_s, agents.length[own], agents.width[own]
     long, wide = agents.length[j] + 2.0 * CROSSING_MARGIN, agents.width[j] + 2.0 * CROSSING_MARGIN
     radius = 0.5 * (math.hypot(long, wide) + math.hypot(length, width)) + ROUNDING
-    for k in range(round(horizon / STEP_S)):
+    for k in range(len(arc)):
         s += STEP_S * max(agents.speed[own] + pedal * STEP_S * (k + 1), 0.0)
-        gone = STEP_S * max(agents.speed[j] + agents.acceleration[j] * STEP_S * (k + 1), 0.0)
-        other_yaw += bend * gone
-        other_x += gone * math.cos(other_yaw)
-        other_y += gone * math.sin(other_yaw)
         x, y, unit_x, unit_y = place_at(paths, p, s)
         aside = offset * math.exp(-STEP_S * (k + 1) / RETURN)
-        dx, dy = other_x - x + aside * unit_y, other_y - y - aside * unit_x
+        dx, dy = arc[k, 0] - x + aside * unit_y, arc[k, 1] - y - aside * unit_x
         if dx * dx + dy * dy < radius**2 and overlap(
-            dx, dy, math.atan2(unit_y, unit_x), other_yaw, length, width, long, wide
+            dx, dy, math.atan2(unit_y, unit_x), arc[k, 2], length, width, long, wide
         ):
             ahead = dx * unit_x + dy * unit_y > 0.0
-            return STEP_S * k if ahead or walks else horizon
-    return horizon
+            return STEP_S * k if ahead or walks else np.inf
+    return np.inf
 
 
 @kernel
@@ -203,11 +197,11 @@ def _pedal_for(wanted: float, paths: PathBatch, p: int, own_s: float, agents: Ag
     It is the least braking that avoids a contact, or the hardest where none does.
     """
     strengths = np.concatenate((PEDALS, EMERGENCIES)) if walks_or_cycles(agents.kind[j]) else PEDALS
-    pedal = wanted
+    pedal, arc = wanted, arc_of(agents, j, agents.acceleration[j], round(CROSSING_HORIZON / STEP_S))
     for k in range(len(strengths) + 1):
         if k > 0:
             pedal = min(wanted, -strengths[k - 1])
-        if contact_time(pedal, paths, p, own_s, agents, own, j, CROSSING_HORIZON) == CROSSING_HORIZON:
+        if contact_time(pedal, paths, p, own_s, agents, own, j, arc) == np.inf:
             break
     return pedal
 

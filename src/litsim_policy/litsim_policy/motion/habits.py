@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_policy.motion.log_leaders import VERTICES, LogColumns, columns_of, lay_way, logged_leader
+from litsim_policy.motion.log_leaders import LogColumns, columns_of, lay_way, logged_leader
 from litsim_policy.motion.speed_change import USUAL_HEADWAY
-from litsim_sim.core.scene import FloatArray, IntArray
-from litsim_sim.kernels.compiled import Floats, Ints, OutFloats2, kernel
+from litsim_sim.kernels.compiled import OutFloats2, kernel
 from litsim_sim.scenario.log import Log
 
 WINDOW, STRIDE = 100, 5  # [steps] before the first question over which a headway is taken, and between its samples
@@ -27,10 +26,6 @@ class Habits:
         self.columns, self.seen = columns_of(log), np.zeros((len(log.ids), 3))
         self.seen[:, 2] = -STRIDE
 
-    def headways(self, rows: IntArray, steps: IntArray) -> FloatArray:
-        """Returns the usual headways (m,) [s] of drivers by their `rows` (m,) in the log, up to its `steps` (m,)."""
-        return _headways(self.columns, rows, steps, self.seen)
-
 
 @kernel
 def usual_headway(log: LogColumns, row: int, step: int, seen: OutFloats2, way: OutFloats2) -> float:
@@ -44,12 +39,3 @@ def usual_headway(log: LogColumns, row: int, step: int, seen: OutFloats2, way: O
             seen[row, 0] += leader.gap / speed
             seen[row, 1] += 1.0
     return (USUAL_HEADWAY * PRIOR + seen[row, 0]) / (PRIOR + seen[row, 1])
-
-
-@kernel
-def _headways(log: LogColumns, rows: Ints, steps: Ints, seen: OutFloats2) -> Floats:
-    """See :meth:`Habits.headways`."""
-    way, headway = np.empty((VERTICES, 5)), np.empty(len(rows))
-    for k in range(len(rows)):
-        headway[k] = usual_headway(log, rows[k], steps[k], seen, way)
-    return headway

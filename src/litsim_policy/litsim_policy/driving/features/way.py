@@ -11,6 +11,7 @@ from litsim_policy.driving.safety.following import following_cap
 from litsim_policy.driving.task import DrivingScene
 from litsim_policy.driving.yielding_rules import contact_time, in_reach
 from litsim_policy.motion.along_path import PoseArrays
+from litsim_policy.motion.arcs import arc_of
 from litsim_policy.motion.car_following import Leaders
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch, directions_ahead
@@ -128,9 +129,10 @@ def _times_to_contact(wanted: Floats, paths: PathBatch, own_s: Floats, agents: A
         for j in range(begin[i], end[i]):
             if j == own or not in_reach(wanted[i], agents, own, j, CONTACT_HORIZON):
                 continue
+            arc = arc_of(agents, j, agents.acceleration[j], round(CONTACT_HORIZON / STEP_S))
             for c in range(len(PEDAL_CAPS)):
                 pedal = min(wanted[i], PEDAL_CAPS[c])
-                times[i, c] = min(times[i, c], contact_time(pedal, paths, i, own_s[i], agents, own, j, times[i, c]))
+                times[i, c] = min(times[i, c], contact_time(pedal, paths, i, own_s[i], agents, own, j, arc))
     return times
 
 
