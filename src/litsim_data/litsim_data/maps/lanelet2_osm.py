@@ -81,9 +81,11 @@ def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
         roads = sum("highway" in line.attributes for line in lanelet_map.lineStringLayer)
         plain = f"; it has {roads} ways with tag highway, as OpenStreetMap, which does not say where lanes lie"
         raise InputError(f"{source}: no lanelets that vehicles may use{plain if roads else ''}")
-    if not all(np.isfinite(lanelet.centerline).all() for lanelet in lanelets):
+    read = LaneGraph(lanelets, notes=tuple(notes))
+    finite = all(np.isfinite(side).all() for lanelet in lanelets for side in (lanelet.left, lanelet.right))
+    if not finite or not all(np.isfinite(lanelet.centerline).all() for lanelet in read.by_id.values()):
         raise InputError(f"{source}: bounds are not finite: is --origin within the map's UTM zone?")
-    return LaneGraph(lanelets, notes=tuple(notes))
+    return read
 
 
 def _tag(element: ET.Element, key: str) -> str | None:
