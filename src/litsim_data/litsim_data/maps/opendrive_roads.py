@@ -24,7 +24,9 @@ from litsim_sim.io.input_files import read_xml
 SAMPLE = 2.0  # [m] between points of reference lines that positions are compared with
 STEP = 1.0  # [m] between points of ways along lanes
 REACH = 60.0  # [m] from its reference line, at most, of a lane
-LONGEST = 1e6  # [m] of a road
+LONGEST = 1e5  # [m] of a road
+LARGEST = 1e9
+"""Magnitude of numbers, at most."""
 ROUNDS = 4  # of projecting a point on a reference line
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 NO_LANES = {"none", "sidewalk", "walking", "curb", "border", "median", "restricted"}
@@ -194,6 +196,9 @@ class Roads:
         try:
             self.by_id = {road.id: road for road in map(_road, root.findall("road"))}
             self._connections = list(_connections(root))
+            for road in self.by_id.values():
+                for piece in road.pieces:  # whose numbers are read where they are needed
+                    road.pose(_float(piece, "s"))
         except (ValueError, TypeError) as error:
             raise InputError(f"{path}: {error}") from error
 
@@ -370,13 +375,13 @@ def _float(element: ET.Element, name: str) -> float:
     """Returns an attribute as a number.
 
     Raises:
-        ValueError: it is missing, or no finite number.
+        ValueError: it is missing, or no such number.
     """
     text = element.get(name, "")
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
-        raise ValueError(f"element {element.tag}: attribute {name} is {text:.60}, expected a number")
+    if not abs(value) <= LARGEST:
+        raise ValueError(f"element {element.tag}: attribute {name} is {text:.60}, expected a number up to {LARGEST:g}")
     return value
