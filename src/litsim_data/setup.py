@@ -28,11 +28,6 @@ setup(
             "data = litsim_data.cli:main",
         ],
         # See litsim_sim.core.plugins for the groups.
-        "litsim.recordings": [
-            "ngsim = litsim_data.ngsim.plugin:Official",
-            "us101_windows = litsim_data.ngsim.plugin:Windows",
-            "sources = litsim_data.sources.plugin:Tracks",
-        ],
         "litsim.maps": [
             "commonroad = litsim_data.maps.map_format:CommonRoad",
             "lanelet2 = litsim_data.maps.map_format:Lanelet2",
@@ -53,6 +48,9 @@ setup(
             "highd = litsim_data.sources.level_x:HighD",
             "interaction = litsim_data.sources.interaction:Interaction",
             "levelx = litsim_data.sources.level_x:LevelX",
+            "neutral = litsim_data.sources.table:Neutral",
+            "ngsim = litsim_data.sources.ngsim:Official",
+            "us101_windows = litsim_data.sources.ngsim:Windows",
             "waymo_json = litsim_data.sources.waymo:WaymoJson",
             "waymo_tfrecord = litsim_data.sources.waymo:WaymoRecord",
             "openscenario = litsim_data.sources.openscenario:OpenScenario",

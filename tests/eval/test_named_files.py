@@ -18,7 +18,7 @@ from litsim_data.maps.positions import positions_of
 from litsim_data.mining.signals import signal_plans
 from litsim_data.ngsim.reading import layout_of
 from litsim_data.sources.argoverse import read_lanes
-from litsim_data.sources.importing import import_all
+from litsim_data.sources.importing import Options, files_of, import_all
 from litsim_data.sources.protobuf import records
 from litsim_data.sources.sumo import vehicle_types
 from litsim_eval.campaign.suite import Suite
@@ -45,7 +45,7 @@ def scenario_with(field: str, path: Path) -> Scenario:
 
 def imported(path: Path, lanes: Path | None = None) -> Any:
     """Imports the data set at `path`; what it says of the first that is not used is raised."""
-    for scene in import_all(path, path.parent / "out", lanes, None):
+    for scene in import_all(files_of(path), path.parent / "out", Options(lanes)):
         if isinstance(scene, str):
             raise InputError(scene)
 

@@ -277,9 +277,9 @@ def test_data_sets_of_py123d_have_their_own_licences_and_labels(tmp_path: Path) 
 
 def test_what_is_no_data_set(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("nothing")
-    with pytest.raises(InputError, match=r"none of its 1 files is of a known data set: .*Argoverse 2.*--draft"):
+    with pytest.raises(InputError, match=r"none of its 1 files is of a known format: .*Argoverse 2.*--draft writes"):
         files_of(tmp_path)
-    with pytest.raises(InputError, match="no such file or folder"):
+    with pytest.raises(InputError, match="no such recording"):
         files_of(tmp_path / "absent")
     (tmp_path / "cut.tfrecord").write_bytes(made_sources.waymo_record(tmp_path / "w.tfrecord").read_bytes()[:-500])
     (tmp_path / "w.tfrecord").unlink()

@@ -1,4 +1,4 @@
-"""`data info`: describe a recording."""
+"""`data info`: describe recordings."""
 
 from __future__ import annotations
 
@@ -7,26 +7,25 @@ from pathlib import Path
 from typing import Any
 
 from litsim_data.generic.description import describe
-from litsim_data.ngsim.formats import is_official
-from litsim_sim.scenario.load import load_recording
 
 
 def add(subparsers: Any) -> None:
     """Adds the parser of the command."""
-    command = subparsers.add_parser("info", help="describe a recording; official NGSIM files are read, not converted")
-    command.add_argument("file", type=Path, help="recording of any known format")
+    command = subparsers.add_parser("info", help="what an import of recordings would give, without writing them")
+    command.add_argument("file", type=Path, help="recordings of any known format")
     command.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Describes the file.
+    """Describes each recording in the file, and prints the fate of its rows.
 
     Raises:
-        InputError: it is no recording, or a line of an official file cannot be used.
+        InputError: it is of no known format, or one cannot be used.
     """
-    if is_official(arguments.file):
-        from litsim_data.ngsim.summary import summary
+    from litsim_data.sources.conversion import converted
+    from litsim_data.sources.importing import files_of
 
-        print(summary(arguments.file))
-    else:
-        print(describe(load_recording(arguments.file)))
+    for file, source in files_of(arguments.file):
+        for scene in source.read(file, None):
+            recording, counts = converted(scene, source)
+            print(describe(recording), counts.text(), "", sep="\n")

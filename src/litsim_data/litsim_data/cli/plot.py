@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> None:
     Raises:
         InputError: the recording, the net or the signals cannot be used, or OUT cannot be written.
     """
-    from litsim_data.cli.convert import parse_crop
+    from litsim_data.cli.import_ import parse_crop
     from litsim_data.pictures.recording_plots import draw  # matplotlib takes half a second to load
 
     recording = load_recording(arguments.recording, parse_crop(arguments.crop))

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from litsim_data import segments
-from litsim_data.cli.convert import parse_crop
+from litsim_data.cli.import_ import parse_crop
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.load import load_recording

@@ -70,11 +70,11 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
     check_clock(table, source)
     table = in_order(table, source, counts)
     counts.levels = levels(table, source)
-    counts.off_motion = off_their_motion(table[~obstacle_rows(table)])
+    counts.off_motion = [] if "heading" in mapping.accept else off_their_motion(table[~obstacle_rows(table)])
     off = table["vehicle_id"].isin(counts.off_motion)
     if "speed" in table:
         table = table.assign(speed=table["speed"].mask(off, table["speed"].abs()))
-    check_plausible(table[~(obstacle_rows(table) | off)], mapping, str(source))
+    counts.accepted = check_plausible(table[~(obstacle_rows(table) | off)], mapping, str(source))
     if "speed" in table:  # below 0 of reversing vehicles, or of noise around 0
         counts.backwards = int((table["speed"] < 0.0).sum())
         table = table.assign(speed=table["speed"].clip(lower=0.0))
@@ -102,7 +102,13 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
         source=mapping.source,
         licence=mapping.licence,
         net=mapping.net,
-        notes={"file": source.name, "mapping": mapping.model_dump(exclude_defaults=True), **counts.note(), **names},
+        notes={
+            "file": source.name,
+            "mapping": mapping.model_dump(exclude_defaults=True),
+            **counts.note(),
+            **({"cleaned": True} if mapping.clean else {}),
+            **names,
+        },
     )
     return Recording.from_table(header, moving[list(COLUMNS)], f"{source}, brought to 10 Hz"), counts
 

@@ -17,15 +17,37 @@ from litsim_sim.io.table_input import TableFiles
 
 
 @dataclass(frozen=True)
-class LoadedTable(TableFiles):
-    """Tracks that a reader has taken from a file which holds no table.
+class TableOfFile(TableFiles):
+    """Tracks that a reader takes from a file which is no table of files.
 
     Attributes:
         path: the file.
-        table: the tracks, a row for each time at which something is seen.
     """
 
     path: Path
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    @property
+    def name(self) -> str:
+        """See :class:`TableFiles`."""
+        return self.path.name
+
+    @property
+    def folder(self) -> Path:
+        """See :class:`TableFiles`."""
+        return self.path.parent
+
+
+@dataclass(frozen=True)
+class LoadedTable(TableOfFile):
+    """Tracks that a reader has taken.
+
+    Attributes:
+        table: the tracks, a row for each time at which something is seen.
+    """
+
     table: pd.DataFrame
 
     @classmethod
@@ -54,23 +76,12 @@ class LoadedTable(TableFiles):
         values = {"name": "scene", "columns": columns, "reference": "box_centre", "kinds": named}
         return Meaning.model_validate(values | fields)
 
-    def __str__(self) -> str:
-        return str(self.path)
-
-    @property
-    def name(self) -> str:
-        """See :class:`TableFiles`."""
-        return self.path.name
-
-    @property
-    def folder(self) -> Path:
-        """See :class:`TableFiles`."""
-        return self.path.parent
-
     def at(self, *rows: int) -> str:
         """See :class:`TableFiles`; rows count from 1, in the order of the file."""
         return f"{self.path}: row{'s' if len(rows) > 1 else ''} {' and '.join(map(str, rows))} of its tracks"
 
     def read(self, wanted: list[str], *, needed: set[str] | None = None, whose: str = "") -> pd.DataFrame:  # noqa: ARG002 - all are there
         """See :class:`TableFiles`."""
+        if missing := sorted({*wanted} - {*self.columns}):
+            raise InputError(f"{self.path}: no columns {missing}; its tracks have {list(self.columns)}")
         return self.table[wanted].assign(row=np.arange(1, len(self.table) + 1))

@@ -23,6 +23,7 @@ AWAY_MAX_S = 0.5  # [s] shorter stretches between two jumps are errors and left 
 LEAP, LEAP_ACCELERATION = 2.0, 15.0  # [m], [m/s2] by which no vehicle departs between two rows from its motion around
 TURN, TURN_RATE = np.deg2rad(30.0), 3.0  # [rad], [rad/s] by which no vehicle turns between two rows
 AROUND = 3  # steps before and after that this motion is the median of
+CONTRADICTIONS_MAX = 0.01  # share of rows that contradict each other above which the file is refused
 FALL_MIN_S = 60.0  # [s] by which a clock that begins anew falls back at least
 PADDED_MIN = 10  # rows of vehicles at one place at one time that are no chance
 JUMPS_MAX = 0.01  # share of rows left out or following a jump above which the file is refused
@@ -50,17 +51,20 @@ def check_clock(table: pd.DataFrame, source: TableFiles) -> None:
 
 
 def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """Returns rows sorted by vehicle and time, without exact copies.
+    """Returns rows sorted by vehicle and time, without exact copies, nor the few that contradict each other.
 
     Raises:
-        InputError: a vehicle has two different rows at one time.
+        InputError: vehicles have different rows at one time, in a share of more than CONTRADICTIONS_MAX.
     """
     single = table.drop_duplicates([name for name in table.columns if name != "row"])
     counts.leave_out("exact copy of another", len(table) - len(single))
     table = single.sort_values(["vehicle_id", "t", "row"], ignore_index=True)
     vehicle, step = table["vehicle_id"].to_numpy(), np.diff(table["t"].to_numpy())
     twice = (vehicle[1:] == vehicle[:-1]) & (step <= 1e-9)
-    if twice.any():
+    if not twice.any():
+        return table
+    contradict = np.r_[False, twice] | np.r_[twice, False]
+    if contradict.sum() > CONTRADICTIONS_MAX * len(table):
         first = int(np.argmax(twice))
         rows = table["row"].to_numpy()[first : first + 2]
         raise InputError(
@@ -68,7 +72,8 @@ def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.Data
             f"{table['t'].iloc[first]:.3f} s, with other values; {int(twice.sum())} such pairs; are there several "
             f"clips in the file (field columns.clip of the mapping)?"
         )
-    return table
+    counts.leave_out("another row has the same vehicle and time, and other values", int(contradict.sum()))
+    return table[~contradict].reset_index(drop=True)
 
 
 def without_outliers(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:

@@ -82,11 +82,6 @@ class Layout:
         return f"official NGSIM {kind}, {len(self.columns)} columns"
 
 
-def is_official(path: Path) -> bool:
-    """Returns whether `path` is an official file; raises InputError as :func:`detect`."""
-    return path.is_file() and detect(path) is not None
-
-
 def detect(path: Path) -> Layout | None:
     """Returns the layout of the file at `path`, from its first bytes; None if it is not NGSIM's.
 

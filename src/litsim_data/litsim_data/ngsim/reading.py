@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from litsim_data.generic.mapping import FOOT
 from litsim_data.ngsim.formats import FEET, NAMES, OPTIONAL, WHOLE, Layout, detect, is_number
-from litsim_data.ngsim.sites import SITES, Site, site_at, site_of
+from litsim_data.ngsim.sites import SITES, site_at, site_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.io.input_files import require_file
@@ -24,7 +24,6 @@ BLOCK = 16 << 20  # [bytes] read at once
 UNKNOWN = pa.array(["", "NA", "NULL", "null", "NaN"])  # cells without a value
 LENGTHS_IN_FEET = (8.0, 45.0)  # [ft] plausible range of the median length of vehicles
 LENGTHS_IN_METRES = (2.5, 8.0)  # the same in [m]
-OFF_SITE_MAX = 0.01  # largest share of rows of a recording that may be far from their site
 
 
 def row_error(path: Path | str, lines: IntArray, bad: BoolArray, what: str) -> InputError:
@@ -202,21 +201,6 @@ def _first_site(path: Path, layout: Layout, rows: dict[str, np.ndarray], lines: 
     if site is None:
         raise _position_error(path, rows, lines, np.ones(len(lines), np.bool_))
     return list(SITES).index(site.name)
-
-
-def on_site(rows: pd.DataFrame, site: Site, where: str) -> pd.DataFrame:
-    """Returns the rows of one recording, as by :func:`blocks`, whose position is on its site.
-
-    Raises:
-        InputError: a share of more than OFF_SITE_MAX is not; `where` names the file.
-    """
-    off = ~site.holds(rows["global_x"].to_numpy(), rows["global_y"].to_numpy())
-    if not off.any():
-        return rows
-    if off.mean() > OFF_SITE_MAX:
-        columns = {name: rows[name].to_numpy() for name in ("global_x", "global_y")}
-        raise _position_error(where, columns, rows["line"].to_numpy(), off)
-    return rows[~off]
 
 
 def _position_error(path: Path | str, rows: dict[str, np.ndarray], lines: IntArray, bad: BoolArray) -> InputError:

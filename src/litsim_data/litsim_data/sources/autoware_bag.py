@@ -31,8 +31,3 @@ class AutowareBag(Source):
 
         folder = path.parent if path.name == METADATA_FILE else None
         yield read_scene(path, path.stem if folder is None else folder.name, folder or path)
-
-
-def bag_file(path: Path) -> Path:
-    """Returns the ``metadata.yaml`` of a bag that is a folder; any other path as it is."""
-    return path / METADATA_FILE if (path / METADATA_FILE).is_file() else path

@@ -185,8 +185,7 @@ def read_scene(path: Path, name: str, source: Path) -> Scene:
     _check_clock(stamps, length_ns, path)
     zero_ns = int(table[COLUMNS["time"]].min()) // STEP_NS * STEP_NS
     table[COLUMNS["time"]] -= zero_ns  # seconds since 1970 as floating-point numbers would be off by 0.1 us
-    single = table.drop_duplicates([COLUMNS["vehicle_id"], COLUMNS["time"]], keep="last")
-    tracks = _Messages((), tuple(table.columns), path, single, zero_ns)
+    tracks = _Messages((), tuple(table.columns), path, table, zero_ns)
     kinds = {kind: KINDS.get(kind, "unknown") for kind in table[COLUMNS["kind"]].unique()}
     fields = {"name": "scene", "columns": COLUMNS, "reference": "box_centre", "units": {"time": "ns"}, "kinds": kinds}
     mapping = Mapping.model_validate(fields | {"accept": ["size"]})  # trackers guess sizes
@@ -200,7 +199,6 @@ def read_scene(path: Path, name: str, source: Path) -> Scene:
         signals=_changes(shown, zero_ns),
         ego=EGO if has_ego else None,
         notes=tuple(notes),
-        left_out={"a later message is of the same stamp": len(table) - len(single)},
     )
 
 

@@ -1,9 +1,9 @@
-"""`data import`: from a data set as it is published to recordings, nets and scenarios, with the check that they fit."""
+"""`data import`: from recordings as they are published to LitSim's, with nets and scenarios, and the check they fit."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,30 +13,38 @@ import pandas as pd
 from tqdm import tqdm
 
 from litsim_data import segments
-from litsim_data.generic.convert import CLOCK, RoughMotionError, convert
+from litsim_data.generic.convert import CLOCK
 from litsim_data.generic.counts import Counts
 from litsim_data.generic.description import describe
-from litsim_data.generic.resampling import PIECE
+from litsim_data.generic.mapping import Check
 from litsim_data.maps.alignment import share_along
 from litsim_data.maps.check import NetCheck, check_net
 from litsim_data.maps.check_text import describe as describe_check
 from litsim_data.maps.lane_graph import LaneGraph
+from litsim_data.maps.lanelet2_osm import read_graph
 from litsim_data.maps.net_builder import BuiltNet, write_graph
 from litsim_data.maps.net_cropping import cropped_to_net
 from litsim_data.maps.netconvert import import_opendrive, is_left_hand
 from litsim_data.maps.positions import vehicles_of
+from litsim_data.sources.autoware_bag import METADATA_FILE
+from litsim_data.sources.conversion import converted
 from litsim_data.sources.source import Scene, Source, known_sources, source_of
 from litsim_sim.core.errors import InputError, reason
 from litsim_sim.core.scene import RATE_HZ, STEP_S
 from litsim_sim.io.files import make_folder, replacing
 from litsim_sim.io.input_files import TREE_MAX, open_input, require_file
+from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.checks import DRIVING
+from litsim_sim.scenario.cropping import Crop
+from litsim_sim.scenario.load import OTHER_TABLES
+from litsim_sim.scenario.recorded_net import net_of
 from litsim_sim.scenario.recorded_signals import survey
 from litsim_sim.scenario.recording import Recording
-from litsim_sim.scenario.signals import SignalsFile, on_clock
+from litsim_sim.scenario.signals import SignalsFile, on_clock, resolved
 
 SHORT_S = 28.1  # [s] recordings that are shorter become one scenario each
+NET_ENDINGS = (".net.xml", ".net.xml.gz", ".xodr")
 NOTES = 8  # most lines on a map that are shown
 HISTORY_SHARE, EGO_SHARE = 0.25, 0.6  # of a shorter recording; of the time after its history, that an ego is there
 
@@ -62,13 +70,30 @@ class Net:
 
 
 @dataclass(frozen=True)
+class Options:
+    """What users say of an import.
+
+    Attributes:
+        lanes: the map, where it is not in the data or beside; a net cuts the tracks to its lanes.
+        crop: the [low, high] to keep, by column of the tracks.
+        raw: whether noisy motion is kept.
+        accept: checks to skip.
+    """
+
+    lanes: Path | None = None
+    crop: Crop | None = None
+    raw: bool = False
+    accept: Sequence[Check] = ()
+
+
+@dataclass(frozen=True)
 class Imported:
     """A scene that was imported.
 
     Attributes:
         name: its name.
         recording, path: the recording, and its file.
-        net: its net.
+        net: its net; None where there is no map.
         counts: of the conversion.
         check: how the recording lies on the net.
         signals: number of lights whose states it carries.
@@ -79,9 +104,9 @@ class Imported:
     name: str
     recording: Recording
     path: Path
-    net: Net
+    net: Net | None
     counts: Counts
-    check: NetCheck
+    check: NetCheck | None
     signals: int
     lines: list[str]
     seconds: float
@@ -90,10 +115,9 @@ class Imported:
     def row(self) -> str:
         """A line of the table of all scenes."""
         vehicles = len(np.unique(self.recording.columns["vehicle_id"]))
-        on_lanes = next(iter(self.check.placements.values())).inside
+        on_lanes = "-" if self.check is None else f"{next(iter(self.check.placements.values())).inside:.1%}"
         return (
-            f"{self.name:<40.40}{self.counts.read:>9}{vehicles:>10}{on_lanes:>11.1%}{self.signals:>9}"
-            f"{self.seconds:>9.1f}"
+            f"{self.name:<40.40}{self.counts.read:>9}{vehicles:>10}{on_lanes:>11}{self.signals:>9}{self.seconds:>9.1f}"
         )
 
 
@@ -101,52 +125,81 @@ HEAD = f"{'scene':<40}{'rows in':>9}{'vehicles':>10}{'on lanes':>11}{'signals':>
 
 
 def files_of(path: Path) -> list[tuple[Path, Source]]:
-    """Returns the recordings in a file or folder, with their data sets.
+    """Returns the recordings in a file or folder, with their sources; a bag that is a folder is one.
 
     Raises:
         InputError: there is no such file or folder, or nothing in it is known.
     """
     if not path.is_dir():
-        require_file(path, "file or folder")
+        require_file(path, "recording")
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    if path.is_dir():
+        files = [file for file in files if file.name == METADATA_FILE or not (file.parent / METADATA_FILE).is_file()]
     known = [(file, source) for file in files if (source := source_of(file)) is not None]
     if not known:
         contents = "; ".join(source.content for source in known_sources())
         held = f"none of its {len(files)} files is" if path.is_dir() else "is not"
-        raise InputError(f"{path}: {held} of a known data set: {contents}; any other table: data convert --draft")
+        raise InputError(f"{path}: {held} of a known format: {contents}; {OTHER_TABLES}")
     return known
 
 
 def import_all(
-    path: Path, out: Path, lanes: Path | None, most: int | None, *, raw: bool = False
+    files: Sequence[tuple[Path, Source]], out: Path, options: Options, most: int | None = None
 ) -> Iterator[Imported | str]:
-    """Imports the scenes at `path` into the folder `out`; yields each, or a line on why it could not be used.
+    """Imports the scenes in `files` into the folder `out`; yields each, or a line on why it could not be used.
 
     Args:
-        path: a file, or a folder with any number of them.
+        files: files with their sources.
         out: the folder, which is made.
-        lanes: the map, if it is not in the data or beside.
+        options: what users say of it.
         most: most scenes that are imported; None for all.
-        raw: whether noisy motion is kept.
 
     Raises:
-        InputError: as :func:`files_of`, or `out` cannot be written.
+        InputError: `out` cannot be written.
     """
-    nets: dict[str, Net] = {}
+    nets: dict[str, Net | None] = {}
     names: set[str] = set()
-    files = files_of(path)
     make_folder(out)
     count = 0
     with tqdm(files, unit=" files", leave=False, disable=None) as bar:
         for file, source in bar:
             try:
-                for scene in source.read(file, lanes):
+                for scene in source.scenes(file, options.lanes, options.crop):
                     if most is not None and count >= most:
                         return
                     count += 1
-                    yield _import_scene(_named_apart(scene, names), source, out, nets, raw=raw)
+                    yield _imported(_named_apart(scene, names), source, out, nets, options)
             except InputError as error:
                 yield reason(error)
+
+
+def _imported(scene: Scene, source: Source, out: Path, nets: dict[str, Net | None], options: Options) -> Imported | str:
+    """Returns a scene, imported, or a line on why it could not be used."""
+    try:
+        return _import_scene(scene, source, out, nets, options)
+    except InputError as error:
+        return reason(error)
+
+
+def import_alone(scene: Scene, source: Source, out: Path, options: Options) -> list[str]:
+    """Writes the recording of a scene to the file `out`, and what lights showed beside; returns lines on it.
+
+    Raises:
+        InputError: the scene cannot be used, no vehicle comes onto the net, or `out` cannot be written.
+    """
+    recording, counts = converted(scene, source, raw=options.raw, accept=options.accept)
+    cut: list[str] = []
+    if options.lanes is not None:
+        recording, cut = _cropped(recording, LaneMap.from_net(options.lanes), str(scene.tracks), options.lanes.name)
+    recording, heeded = _with_signals_file(scene, recording, out)
+    recording.write(out)
+    lines = [describe(recording), counts.text(), *cut, *heeded, *(f"note       {note}" for note in scene.notes)]
+    if scene.signals:
+        changes = out.with_name(f"{out.stem}_signals.csv")
+        with replacing(changes) as new:
+            pd.DataFrame(scene.signals, columns=["begin", "group", "state"]).to_csv(new, index=False)
+        lines.append(f"{'signals':<11}{len(scene.signals)} changes -> {changes}")
+    return lines
 
 
 def _named_apart(scene: Scene, names: set[str]) -> Scene:
@@ -159,79 +212,65 @@ def _named_apart(scene: Scene, names: set[str]) -> Scene:
     return replace(scene, name=name, map_name=name if scene.map_name == scene.name else scene.map_name)
 
 
-def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net], *, raw: bool) -> Imported:
+def _import_scene(scene: Scene, source: Source, out: Path, nets: dict[str, Net | None], options: Options) -> Imported:
     """Imports a scene: see :func:`import_all`.
 
     Raises:
         InputError: it cannot be used.
     """
     begin = time.monotonic()
-    if scene.map_name not in nets:
-        nets[scene.map_name] = _net(scene, out)
-    net = nets[scene.map_name]
-    recording, counts = converted(scene, source, net.graph, raw=raw)
-    if net.opendrive is not None:
-        net = nets[scene.map_name] = _on_its_side(net, recording)
-    recording, cropped = cropped_to_net(recording, net.lane_map)
-    if not len(recording.columns["frame"]):
-        raise InputError(f"{scene.tracks}: none of its vehicles comes onto a lane of {scene.map_name}")
-    recording = Recording(replace(recording.header, net=net.path.name), recording.columns)
-    recording, signals, heeded = _with_signals(scene, recording, net)
-    path = out / f"{scene.name}.parquet"
+    map_name = scene.map_name or scene.name
+    if map_name not in nets:
+        nets[map_name] = _net(scene, map_name, out, options.lanes)
+    net, path = nets[map_name], out / f"{scene.name}.parquet"
+    keeps_left = net is not None and net.graph is not None and net.graph.keeps_left
+    accept: list[Check] = [*options.accept, "side"] if keeps_left else [*options.accept]
+    recording, counts = converted(scene, source, raw=options.raw, accept=accept)
+    lines: list[str] = []
+    signals, check = 0, None
+    if net is not None:
+        if net.opendrive is not None:
+            net = nets[map_name] = _on_its_side(net, recording)
+        recording, lines = _cropped(recording, net.lane_map, str(scene.tracks), map_name)
+        recording = Recording(replace(recording.header, net=net.path.name), recording.columns)
+        recording, signals, heeded = _with_signals(scene, recording, net)
+        lines += heeded
+    recording, heeded = _with_signals_file(scene, recording, path)
     recording.write(path)
-    check, picture = _check(recording, net, out / f"{scene.name}.png")
-    lines = [describe(recording), counts.text(), *cropped, *heeded, *(f"note       {note}" for note in scene.notes)]
-    lines += [f"map        {note}" for note in net.notes[:NOTES]]
-    lines += [f"map        and {len(net.notes) - NOTES} more such lines"] if len(net.notes) > NOTES else []
-    lines += [describe_check(check), f"picture    {picture}"]
-    net.notes.clear()
+    lines = [describe(recording), counts.text(), *lines, *heeded, *(f"note       {note}" for note in scene.notes)]
+    if net is not None:
+        check, picture = _check(recording, net, path.with_suffix(".png"))
+        lines += [f"map        {note}" for note in net.notes[:NOTES]]
+        lines += [f"map        and {len(net.notes) - NOTES} more such lines"] if len(net.notes) > NOTES else []
+        lines += [describe_check(check), f"picture    {picture}"]
+        net.notes.clear()
     return Imported(scene.name, recording, path, net, counts, check, signals, lines, time.monotonic() - begin)
 
 
-def converted(
-    scene: Scene, source: Source, graph: LaneGraph | None = None, *, raw: bool = False
-) -> tuple[Recording, Counts]:
-    """Returns the tracks of a scene as a recording, and counts of the conversion; `graph` is its map, if known.
-
-    Motion that is too noisy is cleaned, unless `raw`.
+def _cropped(recording: Recording, lane_map: LaneMap, tracks: str, net: str) -> tuple[Recording, list[str]]:
+    """Returns the recording, cut to where lanes are, and lines on what was left out.
 
     Raises:
-        InputError: the tracks cannot be used.
+        InputError: nothing is left.
     """
-    accept = [*scene.mapping.accept, *(["side"] if graph is not None and graph.keeps_left else [])]
-    licence, citation = scene.about or (source.licence, source.citation)
-    header = {"name": scene.name, "source": citation, "licence": licence}
-    mapping = scene.mapping.model_copy(update=header | {"accept": accept} | ({"clean": False} if raw else {}))
-    try:
-        recording, counts = convert(scene.tracks, mapping)
-    except RoughMotionError:  # few rows, but impossible
-        if raw:
-            raise
-        recording, counts = convert(scene.tracks, mapping.model_copy(update={"clean": True}))
-        counts.noisy = counts.noisy or "accelerations were impossible; --raw keeps the motion"
-    counts.read += sum(scene.left_out.values())
-    for reason_left_out, rows in scene.left_out.items():
-        counts.leave_out(reason_left_out, rows)
-    notes = recording.header.notes | counts.note() | _ego_note(scene, recording)
-    return Recording(replace(recording.header, notes=notes), recording.columns), counts
+    recording, lines = cropped_to_net(recording, lane_map)
+    if not len(recording.columns["frame"]):
+        raise InputError(f"{tracks}: no vehicle comes onto a lane of {net}: data map --check shows why")
+    return recording, lines
 
 
-def _ego_note(scene: Scene, recording: Recording) -> dict[str, object]:
-    """Returns the note on the ego, if the scene knows it: the longest piece of its track, where this has holes."""
-    if scene.ego is None:
-        return {}
-    ids = recording.header.notes.get("ids")
-    number = ids[scene.ego] if isinstance(ids, Mapping) and scene.ego in ids else int(scene.ego)
-    vehicle = recording.columns["vehicle_id"]
-    pieces, rows = np.unique(vehicle[vehicle % PIECE == number], return_counts=True)
-    return {segments.EGO_NOTE: int(pieces[np.argmax(rows)])} if len(pieces) else {}
-
-
-def _net(scene: Scene, out: Path) -> Net:
-    """Writes the net of a scene."""
-    if scene.lanes is None:
-        raise InputError(f"{scene.tracks}: has no map: data convert makes a recording of it alone")
-    path, lanes = out / f"{scene.map_name}.net.xml", scene.lanes()
+def _net(scene: Scene, name: str, out: Path, named: Path | None) -> Net | None:
+    """Writes the net of a scene; None where there is no map."""
+    path = out / f"{name}.net.xml"
+    lanes: LaneGraph | Path
+    if named is not None and (named.name.endswith(NET_ENDINGS) or scene.lanes is None):
+        lanes = named
+    elif scene.lanes is not None:
+        lanes = scene.lanes()
+    else:
+        return None
+    if isinstance(lanes, Path) and lanes.suffix == ".osm":
+        lanes = read_graph(lanes, None)
     if isinstance(lanes, LaneGraph):
         built = write_graph(lanes, path)
         return Net(path, LaneMap.from_net(path), lanes, built, notes=[*built.notes])
@@ -286,6 +325,28 @@ def _with_signals(scene: Scene, recording: Recording, net: Net) -> tuple[Recordi
     return Recording(header, recording.columns), count, lines
 
 
+def _with_signals_file(scene: Scene, recording: Recording, path: Path) -> tuple[Recording, list[str]]:
+    """Returns the recording, of the file `path`, with the signals of a file, and lines on how vehicles heed them.
+
+    Frames of a file of states are those of the table, where it counts frames, and else those of the recording.
+
+    Raises:
+        InputError: the signals cannot be used, do not fit the net, or are not what vehicles heed; or there is no net.
+    """
+    file, mapping = scene.signals_file, scene.mapping
+    if file is None or mapping is None:
+        return recording, []
+    signals = read_yaml(file, SignalsFile)
+    by_frame = signals.states is not None and signals.states.unit == "frame"
+    zero = 0.0 if by_frame else float(str(recording.header.notes.get(CLOCK, 0.0)))
+    slower = recording.header.rate_hz / mapping.rate_hz if by_frame and mapping.columns.frame is not None else 1.0
+    content = on_clock(resolved(signals, file.parent, str(file)), zero, slower)
+    net = net_of(recording.header, path)
+    lines = survey(content, net, recording, str(file))
+    header = replace(recording.header, net=net.name, signals=content.model_dump(mode="json", exclude_none=True))
+    return Recording(header, recording.columns), lines
+
+
 def _check(recording: Recording, net: Net, picture: Path) -> tuple[NetCheck, Path]:
     """Checks how the vehicles that are on the road lie on the net, and draws it."""
     from litsim_data.pictures.map_picture import draw  # matplotlib takes half a second to load
@@ -315,7 +376,7 @@ def cut(imported: list[Imported], out: Path, seed: int = 0) -> segments.Manifest
         values["history_s"] = round(min(history, 3.0), 1)
         values["simulation_s"] = round(min(25.0, max(shortest - values["history_s"], STEP_S)), 1)
         values["ego_min_s"] = round(max(EGO_SHARE * values["simulation_s"], STEP_S), 1)
-    sources = [(f"../{one.path.name}", f"../{one.net.path.name}", None, one.recording) for one in imported]
+    sources = [(f"../{one.path.name}", f"../{one.net.path.name}", None, one.recording) for one in imported if one.net]
     manifest = segments.cut(sources, segments.Settings(**values))
     segments.write(manifest, out)
     return manifest

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import ClassVar
+from typing import Protocol
 
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
@@ -13,34 +12,26 @@ from litsim_sim.io.parquet_input import is_parquet, read_schema
 from litsim_sim.scenario.cropping import Crop, within
 from litsim_sim.scenario.recording import COLUMNS, HEADER_KEY, Recording
 
-__all__ = ["Crop", "RecordingFormat", "load_recording"]
+__all__ = ["Crop", "load_recording"]
 
-OTHER_TABLES = "any other table needs a mapping: data convert --mapping (one is drafted by data convert --draft)"
+OTHER_TABLES = (
+    "any other table needs a mapping: data import TABLE mapping.yaml --draft writes a first one, and data import TABLE "
+    "OUT --mapping mapping.yaml reads the table by it"
+)
 
 
-class RecordingFormat(ABC):
-    """A format of recorded traffic: a plug-in of ``litsim.recordings``, made without arguments.
+class _Source(Protocol):
+    """What is read of a plug-in of ``litsim.sources``: see `litsim_data.sources.source.Source`."""
 
-    Attributes:
-        content: what a file of this format holds, for errors, such as "the US-101 windows file".
-    """
+    content: str
 
-    content: ClassVar[str]
+    def recognizes(self, path: Path) -> bool: ...
 
-    @abstractmethod
-    def recognizes(self, path: Path) -> bool:
-        """Returns whether the file at `path`, which exists, is of this format; judged by its content."""
-
-    @abstractmethod
-    def load(self, path: Path, crop: Crop | None) -> Recording:
-        """Read the recording at `path`; raises an InputError if the content, or the crop, cannot be used.
-
-        `crop` is the [low, high] to keep, both inclusive, by column of the file; None for all.
-        """
+    def load(self, path: Path, crop: Crop | None) -> Recording: ...
 
 
 def load_recording(path: Path, crop: Crop | None = None) -> Recording:
-    """Read a recording: neutral-schema Parquet, or a file of an installed :class:`RecordingFormat`.
+    """Read a recording: neutral-schema Parquet, or a file of an installed source that holds one recording.
 
     `crop` is the [low, high] to keep, both inclusive, by column OF THE FILE; for official NGSIM files by the names
     and in the units of their reader. Raises an InputError if the file is missing or of an unknown format, `crop`
@@ -51,14 +42,12 @@ def load_recording(path: Path, crop: Crop | None = None) -> Recording:
     schema = read_schema(path) if path.suffix == ".parquet" or is_parquet(path) else None
     if schema is not None and HEADER_KEY in (schema.metadata or {}):
         return _neutral(path, crop)
-    formats: list[RecordingFormat] = [
-        plugins.load(plugins.RECORDINGS, name)() for name in plugins.names(plugins.RECORDINGS)
-    ]
-    for one in formats:
-        if one.recognizes(path):
-            return one.load(path, crop)
+    sources: list[_Source] = [plugins.load(plugins.SOURCES, name)() for name in plugins.names(plugins.SOURCES)]
+    for source in sources:
+        if source.recognizes(path):
+            return source.load(path, crop)
     content = "is no Parquet" if schema is None else f"columns are {list(schema.names)}"
-    others = "; ".join(one.content for one in formats)
+    others = "; ".join(source.content for source in sources)
     raise InputError(
         f"{path}: format not recognised: {content}; expected Parquet of {list(COLUMNS)} with a LitSim header"
         f"{f', or {others}' if others else ''}; {OTHER_TABLES}"
