@@ -1,4 +1,6 @@
-"""INTERACTION: ``vehicle_tracks_*.csv``, with ``pedestrian_tracks_*.csv`` beside, and Lanelet2 maps."""
+"""INTERACTION: ``vehicle_tracks_*.csv``, with ``pedestrian_tracks_*.csv`` beside, or many cases of a few seconds in
+one file, as since version 1.2; and Lanelet2 maps.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +8,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.generic.mapping import Mapping
 from litsim_data.maps.lane_graph import LaneGraph
 from litsim_data.sources.source import Scene, Source
@@ -13,6 +16,8 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.io.table_input import TableFiles, first_cells
 
 COLUMNS = ("track_id", "timestamp_ms", "agent_type", "x", "y", "vx", "vy", "psi_rad", "length", "width")
+CASE = "case_id"
+"""Column of the cases, in each of which ids and times begin anew."""
 ORIGIN = (0.0, 0.0)
 """Latitude and longitude [deg] of (0, 0) in its maps, which lie in the Gulf of Guinea."""
 KINDS = {"car": "car", "truck": "truck", "bus": "truck", "motorcycle": "motorcycle"}
@@ -20,9 +25,9 @@ WALKING = {"pedestrian": "pedestrian", "bicycle": "bicycle", "pedestrian/bicycle
 
 
 class Interaction(Source):
-    """Recordings of some minutes at 10 Hz."""
+    """Recordings of some minutes at 10 Hz, or of 4 s each."""
 
-    content = "INTERACTION (vehicle_tracks_*.csv)"
+    content = "INTERACTION (vehicle_tracks_*.csv, or *.csv with column case_id)"
     licence = "INTERACTION: non-commercial research; the data must not be passed on"
     citation = (
         "Zhan et al., INTERACTION Dataset: An INTERnational, Adversarial and Cooperative moTION Dataset in Interactive "
@@ -31,8 +36,7 @@ class Interaction(Source):
 
     def recognizes(self, path: Path) -> bool:
         """See :class:`.source.Source`."""
-        first = first_cells(path)
-        return path.suffix == ".csv" and {*COLUMNS} <= first and "case_id" not in first
+        return path.suffix == ".csv" and {*COLUMNS} <= first_cells(path)
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
@@ -59,13 +63,19 @@ class Interaction(Source):
                 "kinds": {kind: (KINDS | WALKING).get(kind, "unknown") for kind in kinds},
             }
         )
+        if CASE in tracks.columns:
+            place = path.stem.rpartition("_")[0] or path.stem
+            for case, rows in tracks.read([*COLUMNS, CASE]).groupby(CASE, sort=True):
+                named = LoadedTable.of(path, {column: rows[column].to_numpy() for column in COLUMNS})
+                yield Scene(f"{path.stem}_{case:g}", named, mapping, partial(_map, path, lanes, place), place)
+            return
         place = path.resolve().parent.name.lstrip(".")
         name = f"{place}_{path.stem.removeprefix('vehicle_tracks_')}"
-        yield Scene(name, tracks, mapping, partial(_map, path, lanes), place)
+        yield Scene(name, tracks, mapping, partial(_map, path, lanes, place), place)
 
 
-def _map(path: Path, lanes: Path | None) -> LaneGraph | Path:
-    """Returns the map that is named, or ``maps/PLACE.osm`` above the folder PLACE of the recording.
+def _map(path: Path, lanes: Path | None, name: str) -> LaneGraph | Path:
+    """Returns the map that is named, or ``maps/NAME.osm`` in the folder of the recording or above.
 
     Raises:
         InputError: there is none.
@@ -73,7 +83,7 @@ def _map(path: Path, lanes: Path | None) -> LaneGraph | Path:
     from litsim_data.maps.lanelet2_osm import read_graph
 
     place = path.resolve().parent
-    beside = [folder / "maps" / f"{place.name}.osm" for folder in (place, *place.parents[:2])]
+    beside = [folder / "maps" / f"{name}.osm" for folder in (place, *place.parents[:2])]
     file = lanes or next((one for one in beside if one.is_file()), None)
     if file is None:
         raise InputError(f"{path}: no map {beside[-1]}: name it by --map")
