@@ -21,7 +21,9 @@ from litsim_sim.core.scene import FloatArray, Kind
 
 STEP_RANGE_S = (0.005, 0.6)  # time between rows of a vehicle: 200 to 2 rows per second, and longer ones are holes
 SPAN_S = 0.1  # least time between the positions that motion is judged by: nearer ones differ by noise above all
-SPEED_MAX = 70.0  # [m/s] bound on the 90 % quantile of speeds
+SPEED_MAX = 50.0  # [m/s] bound on the 90 % quantile of speeds: nine of ten vehicles drive slower on any road
+CAMERA_RATES_HZ = (2.0, 4.0, 5.0, 10.0, 12.5, 15.0, 20.0, 25.0, 30.0, 29.97, 50.0, 60.0)
+LIKE_CAMERA = 1.05  # ratio to one of these within which a rate is suggested
 AGREEMENT = 1.15  # largest ratio between speeds and those of the positions; 1.01 in NGSIM's files
 CLOSE, CLOSER = 1.05, 0.25  # ratio beyond which another unit, in which a quarter of its logarithm is left, is suggested
 HEADING_MAX = 0.35  # [rad] bound on the median angle between heading and direction of motion
@@ -57,13 +59,13 @@ NEAR = float(max(np.hypot(ALONG, BESIDE[1]), np.hypot(ABREAST, APART)))  # [m] n
 SHARE = 0.8  # smallest share of pairs that is conclusive
 
 
-def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
-    """Refuses a table with implausible motion or sizes.
+def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> list[str]:
+    """Refuses a table with implausible motion or sizes; returns what is implausible and accepted.
 
     Args:
         table: rows in SI units and frame map, sorted by vehicle and time; columns vehicle_id, t, x, y, length, width,
             kind, lane, and yaw, speed and acceleration where the file has them.
-        mapping: the mapping; checks in its field `accept` are skipped.
+        mapping: the mapping; checks in its field `accept` refuse nothing.
         where: name of the file in errors.
 
     Raises:
@@ -76,17 +78,19 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
         moves = steps(table, rows_apart(float(np.median(step))) if len(step) else 1)
         moves = moves[moves["dt"] > 0]
         texts |= {
-            "speed": _speed(table, moves, mapping),
+            "speed": _speed(table, moves, mapping) or _fast(table, mapping),
             "acceleration": _acceleration(table, mapping),
             "heading": _across(moves, mapping) or _heading(table, moves, mapping),
             "side": _mirrored(table),
         }
-    problems = [f"{text} (check {name})" for name, text in texts.items() if text and name not in mapping.accept]
+    findings = {name: f"{text} (check {name})" for name, text in texts.items() if text}
+    problems = [text for name, text in findings.items() if name not in mapping.accept]
     if problems:
         raise InputError(
-            f"{where}: {'; '.join(problems)}; nothing was written: correct the mapping, or list a check in its field "
-            f"accept if the file is right"
+            f"{where}: {'; '.join(problems)}; nothing was written: correct the mapping, or accept a check (--accept or "
+            f"field accept of the mapping) if the file is right"
         )
+    return [text for name, text in findings.items() if name in mapping.accept]
 
 
 def _time(step: FloatArray, mapping: Mapping) -> str:
@@ -103,6 +107,17 @@ def _time(step: FloatArray, mapping: Mapping) -> str:
     fits = [unit for unit in ("s", "ms", "us", "ns") if _fit((median,), (STEP_RANGE_S,), mapping.units.time, unit)]
     would = f"; units.time {' or '.join(fits)} would fit" if fits else ""
     return f"{finding}, units.time being {mapping.units.time}{would}"
+
+
+def _fast(table: pd.DataFrame, mapping: Mapping) -> str:
+    """Checks that the file's speeds are those of road vehicles."""
+    fast = float(np.quantile(np.abs(table["speed"].to_numpy()), 0.9)) if "speed" in table and len(table) else 0.0
+    if fast <= SPEED_MAX:
+        return ""
+    return (
+        f"column {mapping.columns.speed!r} says {fast:.0f} m/s ({3.6 * fast:.0f} km/h) in one row of ten and more, "
+        f"expected at most {SPEED_MAX:g} m/s: is units.speed, which is {mapping.units.speed}, right?"
+    )
 
 
 def _speed(table: pd.DataFrame, moves: pd.DataFrame, mapping: Mapping) -> str:
@@ -141,9 +156,14 @@ def _speed(table: pd.DataFrame, moves: pd.DataFrame, mapping: Mapping) -> str:
         for unit in units
         if unit != ours and 1.0 / AGREEMENT <= ratio * (FACTORS[unit] / FACTORS[ours]) ** power <= AGREEMENT
     ]
-    if mapping.columns.time is None and STEP_RANGE_S[0] <= ratio / mapping.rate_hz <= STEP_RANGE_S[1]:
-        fits.append(f"rate_hz {mapping.rate_hz / ratio:.3g}")
-    would = f"; {' or '.join(fits)} would fit" if fits else _degrees(table, mapping)
+    rate = mapping.rate_hz / ratio
+    if mapping.columns.time is None and any(1 / LIKE_CAMERA < rate / usual < LIKE_CAMERA for usual in CAMERA_RATES_HZ):
+        fits.append(f"rate_hz {rate:.3g}")
+    no_unit = _degrees(table, mapping) or (
+        f"; are columns {mapping.columns.x!r} and {mapping.columns.y!r} in another unit than field units.position has, "
+        "such as pixels?"
+    )
+    would = f"; {' or '.join(fits)} would fit" if fits else no_unit
     return f"positions change {ratio:.3g} times as fast as column {mapping.columns.speed!r} says (median){would}"
 
 

@@ -26,6 +26,7 @@ class Counts:
         pieces: tracks after cutting at long holes and jumps.
         too_short: pieces that contain no frame at 10 Hz.
         usual_sizes: agents without a usable size that got a default one.
+        accepted: what checks find that the mapping accepts.
         backwards: rows with negative speeds, set to 0.
         leaps: steps between rows of vehicles that depart from the motion around as no vehicle does.
         farthest_leap: how far and where one of them does most.
@@ -53,6 +54,7 @@ class Counts:
     pieces: int = 0
     too_short: int = 0
     usual_sizes: int = 0
+    accepted: list[str] = field(default_factory=list)
     backwards: int = 0
     leaps: int = 0
     farthest_leap: str = ""
@@ -124,6 +126,7 @@ class Counts:
             )
         if self.usual_sizes:
             lines.append(f"sizes      {self.usual_sizes} agents without a usable size got a usual one of their kind")
+        lines += [f"accepted   {finding}" for finding in self.accepted]
         if self.backwards:
             lines.append(f"speeds     {self.backwards} rows below 0, of reversing or standing vehicles, became 0")
         if self.leaps:

@@ -15,6 +15,7 @@ import yaml
 from litsim_data.generic.checks import (
     AGREEMENT,
     ANGLE_UNITS,
+    CAMERA_RATES_HZ,
     MOVING,
     POSITIVES,
     SPEED_UNITS,
@@ -68,7 +69,6 @@ NUMBERED = {"1": "motorcycle", "2": "car", "3": "truck"}
 
 USUAL_SIZE = {"length": 4.6, "width": 1.9}  # [m] of a passenger car, for files without sizes
 NARROW = 0.45  # [m] width of people, who may be most of those in a file
-CAMERA_RATES_HZ = (2.0, 4.0, 5.0, 10.0, 12.5, 15.0, 20.0, 25.0, 29.97, 30.0, 50.0, 60.0)
 FRAMES_APART = 3  # rows between the positions that motion is judged by, where frames have a rate that nobody knows
 HINTS = (
     "# vehicles: {file: tracksMeta.csv, vehicle_id: id}  # a file with a row for each vehicle: classes, sizes",
@@ -210,10 +210,11 @@ def _incomplete(table: pd.DataFrame) -> list[str]:
 
 
 def _named(source: TableFiles) -> dict[str, str]:
-    """Returns the file's columns by our names; the first of several that match."""
+    """Returns the file's columns by our names; the first of several that match, of positions first with a unit."""
     named: dict[str, str] = {}
+    with_unit = sorted(source.columns, key=lambda name: not re.search(rf"{FEET}|{METRES}", name.lower()))
     for ours, pattern in NAMES.items():
-        for theirs in source.columns:
+        for theirs in with_unit if ours in ("x", "y") else source.columns:
             plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", theirs.strip()).lower().replace(" ", "_").replace("-", "_")
             if theirs not in named.values() and re.fullmatch(pattern, plain):
                 named[ours] = theirs
