@@ -274,11 +274,7 @@ def _heading(table: pd.DataFrame, moves: pd.DataFrame, mapping: Mapping) -> str:
         return ""
     motion, yaw = np.arctan2(moves["dy"].to_numpy(), moves["dx"].to_numpy()), moves["yaw"].to_numpy()
     error, off = _apart(yaw, motion), _off(yaw, motion)
-    mirror = -1.0 if mapping.transform.mirror_y else 1.0
-    turn = np.deg2rad(mapping.transform.yaw_deg)
-    there = mirror * (motion - turn)  # in the axes of the file, mirrored like the headings
-    angle = mirror * (yaw - turn) - (0.5 * np.pi if mapping.angles.zero == "y" else 0.0)
-    angle = angle if mapping.angles.positive == "counterclockwise" else -angle
+    angle, there = _in_file(yaw, motion, mapping)
     fits = []
     for unit, zero, positive in product(ANGLE_UNITS, ZEROS, POSITIVES):
         read = heading(angle * FACTORS[unit] / FACTORS[mapping.units.angle], zero, positive)
@@ -331,14 +327,21 @@ def _turned_headings(table: pd.DataFrame, mapping: Mapping) -> str:
     )
 
 
-def off_their_motion(table: pd.DataFrame) -> list[int]:
+def _in_file(yaw: FloatArray, motion: FloatArray, mapping: Mapping) -> tuple[FloatArray, FloatArray]:
+    """Returns headings `yaw` (n,) as angles of the file, and `motion` (n,) in its axes, mirrored like the headings."""
+    mirror, turn = -1.0 if mapping.transform.mirror_y else 1.0, np.deg2rad(mapping.transform.yaw_deg)
+    angle = mirror * (yaw - turn) - (0.5 * np.pi if mapping.angles.zero == "y" else 0.0)
+    return angle if mapping.angles.positive == "counterclockwise" else -angle, mirror * (motion - turn)
+
+
+def off_their_motion(table: pd.DataFrame, mapping: Mapping) -> list[int]:
     """Returns ids of vehicles whose heading is more than SIDEWAYS off their motion for OFF_WAY or more.
 
-    Trackers confuse front and rear of single vehicles. Where more than half of those that move are off, there are none:
-    then the convention of the table is another one, which :func:`check_plausible` tells.
+    Trackers confuse front and rear of single vehicles. Where more than half of those that move are off, or half as many
+    under another convention of angles, there are none: that is for :func:`check_plausible` to tell.
 
     Args:
-        table: as of :func:`check_plausible`.
+        table, mapping: as of :func:`check_plausible`.
     """
     if "yaw" not in table:
         return []
@@ -347,7 +350,13 @@ def off_their_motion(table: pd.DataFrame) -> list[int]:
     moves = steps(table, apart)
     moves = moves[moves["way"] > MOVING * moves["dt"]]
     motion = np.arctan2(moves["dy"].to_numpy(), moves["dx"].to_numpy())
-    off = moves[np.abs(wrap_angle(motion - moves["yaw"].to_numpy())) > SIDEWAYS]
+    yaw = moves["yaw"].to_numpy()
+    off = moves[np.abs(wrap_angle(motion - yaw)) > SIDEWAYS]
+    if off.empty:
+        return []
+    angle, there = _in_file(yaw, motion, mapping)
+    if min(_off(heading(angle, *way), there) for way in product(ZEROS, POSITIVES)) <= 0.5 * _off(yaw, motion):
+        return []
     gone = off.groupby("vehicle_id")["way"].sum() / apart  # these steps overlap
     ids = [int(vehicle) for vehicle in gone.index[gone >= OFF_WAY]]
     return ids if 2 * len(ids) <= moves["vehicle_id"].nunique() else []

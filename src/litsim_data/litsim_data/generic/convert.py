@@ -70,7 +70,7 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
     check_clock(table, source)
     table = in_order(table, source, counts)
     counts.levels = levels(table, source)
-    counts.off_motion = [] if "heading" in mapping.accept else off_their_motion(table[~obstacle_rows(table)])
+    counts.off_motion = [] if "heading" in mapping.accept else off_their_motion(table[~obstacle_rows(table)], mapping)
     off = table["vehicle_id"].isin(counts.off_motion)
     if "speed" in table:
         table = table.assign(speed=table["speed"].mask(off, table["speed"].abs()))
