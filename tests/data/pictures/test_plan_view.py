@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from litsim_data.pictures.plan_view import LIGHTS, Area, crossed, draw_signals, groups_in, paths
-from litsim_eval.analysis import plots
+from litsim_eval.pictures import overview as plots
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.steps import Steps

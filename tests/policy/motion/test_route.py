@@ -160,9 +160,8 @@ def test_a_change_of_lane_too_short_to_drive_is_none(motorway_router, lane_centr
     assert motorway_router.path(start, 10.0, goal) is None
 
 
-def test_there_is_no_way_where_the_map_has_no_road(motorway_router, lane_centres) -> None:
+def test_there_is_no_way_to_where_the_map_has_no_road(motorway_router, lane_centres) -> None:
     on_road, beside = (np.array([100.0, y, 0.0]) for y in (lane_centres[1], lane_centres[1] + 60.0))
     ahead = np.array([80.0, 0.0, 0.0])
     assert motorway_router.path(on_road, 10.0, on_road + ahead) is not None
     assert motorway_router.path(on_road, 10.0, beside + ahead) is None
-    assert motorway_router.path(beside, 10.0, on_road + ahead) is None

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from litsim_data.ngsim import official
+from litsim_data import cli as data
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, Controller, Kind
 from litsim_sim.core.vehicle import VehicleModel
@@ -110,7 +110,7 @@ def test_us101_of_the_official_file_as_documented(real_data, tmp_path: Path) -> 
     )
     rows.assign(a=0, b=0, c=0, d=0).to_csv(tmp_path / "text.txt", sep=" ", header=False, index=False)
     (tmp_path / "ngsim").mkdir()
-    official.convert(tmp_path / "text.txt", tmp_path / "ngsim" / "us101_0750.parquet")
+    data.main(["import", str(tmp_path / "text.txt"), str(tmp_path / "ngsim" / "us101_0750.parquet")])
     page = Path(__file__).parents[3] / "docs" / "data.md"
     (documented,) = re.findall(
         r"```yaml\n(name: us101_0750_official\n.*?)```", page.read_text(encoding="utf-8"), re.DOTALL

@@ -49,8 +49,8 @@ class Router:
         """Returns the drivable path from `pose` to `goal`, both (3,) x, y [m], yaw [rad] in frame map, or None.
 
         It starts at the pose and tangent to it, ends at the goal's position and tangent to the lane there, keeps the
-        vehicle's curvature limit, and stays on the road. In between it follows the centre lines of the lanes of
-        :meth:`lanes_between`, which it reaches within about MERGE_TIME. There is none where the map has no road.
+        vehicle's curvature limit, and stays on the road if it starts there. In between it follows the centre lines of
+        the lanes of :meth:`lanes_between`, which it reaches within about MERGE_TIME. No goal is off the road.
 
         Args:
             pose: of the agent.
@@ -58,7 +58,8 @@ class Router:
             goal: the pose to reach; its yaw only selects the lane.
         """
         ends = np.stack([pose, goal])
-        if not self._lanes.inside_road(ends[:, 0], ends[:, 1]).all():
+        on_road, goal_on_road = self._lanes.inside_road(ends[:, 0], ends[:, 1])
+        if not goal_on_road:
             return None
         places = self._lanes.nearest(ends[:, 0], ends[:, 1], ends[:, 2])
         way = self.lanes_between(int(places.lane[0]), int(places.lane[1]))
@@ -76,22 +77,23 @@ class Router:
                 continue
             parts = [bezier.points(curve, SPACING) for curve in curves]
             points = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
-            if self._lanes.inside_road(points[:, 0], points[:, 1]).all():
+            if not on_road or self._lanes.inside_road(points[:, 0], points[:, 1]).all():
                 return ReferencePath(points)
         return None
 
     def beside(self, pose: FloatArray, reach: float, lane: int) -> ReferencePath | None:
         """Returns the drivable path from `pose` (3,) onto the centre line of an adjacent lane and on along it, or None.
 
-        It keeps the vehicle's curvature limit, and stays on the road. The change takes `reach` [m] of road; longer if
-        it would bend too much or leave the road.
+        It keeps the vehicle's curvature limit, and stays on the road if it starts there. The change takes
+        `reach` [m] of road; longer if it would bend too much or leave the road.
         """
+        on_road = bool(self._lanes.inside_road(pose[:1], pose[1:2])[0])
         for share in BESIDE_SHARES:
             curve, beyond = lane_change(self._lanes, pose, self._lanes.lanes[lane], share * reach)
             if bezier.curvature_max(curve) > self._curvature_max:
                 continue
             points = bezier.points(curve, SPACING)
-            if self._lanes.inside_road(points[:, 0], points[:, 1]).all():
+            if not on_road or self._lanes.inside_road(points[:, 0], points[:, 1]).all():
                 return ReferencePath.through(np.concatenate([points, beyond]))
         return None
 
