@@ -187,7 +187,7 @@ CHANGE = "<PrivateAction><LateralAction><LaneChangeAction/></LateralAction></Pri
         (PLAIN, follow({1.0: world(0.0), 0.0: world(4.0)}), "element Vertex: times fall"),
         (PLAIN, STAND.format(LANE.format(-3, ">")), "there is no lane -3 at s 100 of road 1"),
         (PLAIN, STAND.format('<GeoPosition latitude="1" longitude="1"/>'), "element GeoPosition is not read"),
-        ("<CatalogReference catalogName='c' entryName='e'/>", "", "element CatalogReference of category none"),
+        ("<CatalogReference catalogName='c' entryName='e'/>", "", "entry e of catalog c is in no folder"),
         (PLAIN.replace('x="0.0"', 'x="${1/0}"'), "", "element Center: attribute x is ${1/0}, expected a number"),
     ],
 )

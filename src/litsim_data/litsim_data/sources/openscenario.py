@@ -107,6 +107,9 @@ def _rows(name: str, scenario_object: ET.Element, script: Script) -> pd.DataFram
         ValueError: the entity, or something that moves it, is not read.
     """
     entity = next((one for one in scenario_object if one.tag != "ObjectController"), scenario_object)
+    if entity.tag == "CatalogReference":  # else the entry stands in its place
+        entry, catalog = entity.get("entryName"), entity.get("catalogName")
+        raise UnreadError(f"entry {entry} of catalog {catalog} is in no folder of element CatalogLocations")
     kind = entity.get(f"{entity.tag[:1].lower()}{entity.tag[1:]}Category", "none")
     if kind not in KINDS:
         raise UnreadError(f"element {entity.tag} of category {kind} is not simulated")
