@@ -59,7 +59,7 @@ class OpenScenario(Source):
         road = lanes or (None if named is None else path.parent / named.get("filepath", ""))
         table, notes = _table(Script(root, road), path)
         tracks = LoadedTable.of(path, {str(name): column for name, column in table.items()})
-        mapping = tracks.meaning(KINDS, accept=["heading", "side", "size"])
+        mapping = tracks.meaning(KINDS, accept=["speed", "heading", "side", "size"])
         ego = next((name for name in table["vehicle_id"].unique() if name.lower() == "ego"), None)
         name = path.name.split(".")[0]
         yield Scene(name, tracks, mapping, partial(_road, path, road), f"{name}_net", ego=ego, notes=notes)
