@@ -94,24 +94,34 @@ class Logs(NamedTuple):
     last: Ints
 
 
+class Pair(NamedTuple):
+    """A walker or cyclist in row `own`, `length` and `width` [m] of its box with gaps, and a vehicle in row `other`."""
+
+    own: int
+    other: int
+    length: float
+    width: float
+
+
 @kernel
-def _box(agents: AgentArrays, own: int, j: int) -> tuple[float, float]:
-    """Returns length and width [m] of agent `own` with the gaps around it, or without if `j` is nearer than these."""
+def _pair(agents: AgentArrays, own: int, j: int) -> Pair:
+    """Returns agents `own` and `j`; there are no gaps around `own` if `j` is nearer than these."""
     gap = _GAP_WALKING if agents.kind[own] == _PEDESTRIAN else _GAP_CYCLING
     length, width = agents.length[own] + 2.0 * gap, agents.width[own] + 2.0 * SIDE_GAP
     dx, dy, yaw = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own], agents.yaw[own]
     if overlap(dx, dy, yaw, agents.yaw[j], length, width, agents.length[j], agents.width[j]):
-        return agents.length[own], agents.width[own]
-    return length, width
+        return Pair(own, j, agents.length[own], agents.width[own])
+    return Pair(own, j, length, width)
 
 
 @kernel
-def _touches(logs: Logs, i: int, step: int, agents: AgentArrays, own: int, j: int, place: Floats) -> bool:
-    """Returns whether agent `own`, where log `i` is at `step`, touches `j` at `place` (3,) x, y [m], yaw [rad]."""
+def _touches(logs: Logs, i: int, step: int, agents: AgentArrays, pair: Pair, place: Floats) -> bool:
+    """Returns whether agent `own`, where log `i` is at `step`, touches `other` at `place` (3,) x, y [m], yaw [rad]."""
+    own, length, width = pair.own, pair.length, pair.width
+    other_length, other_width = agents.length[pair.other], agents.width[pair.other]
     row, now, then = logs.row[i], logs.now[i], min(step, logs.last[i])
     dx = place[0] - logs.x[row, then] - (agents.x[own] - logs.x[row, now])
     dy = place[1] - logs.y[row, then] - (agents.y[own] - logs.y[row, now])
-    (length, width), other_length, other_width = _box(agents, own, j), agents.length[j], agents.width[j]
     radius = 0.5 * (math.hypot(length, width) + math.hypot(other_length, other_width))
     return dx * dx + dy * dy < radius * radius and overlap(
         dx, dy, logs.yaw[row, then], place[2], length, width, other_length, other_width
@@ -119,23 +129,23 @@ def _touches(logs: Logs, i: int, step: int, agents: AgentArrays, own: int, j: in
 
 
 @kernel
-def _first_touch(logs: Logs, i: int, agents: AgentArrays, own: int, j: int, arc: Floats2) -> int:
-    """Returns the instant at which agent `own`, by log `i`, first touches `j` on its `arc`; -1 for never."""
+def _first_touch(logs: Logs, i: int, agents: AgentArrays, pair: Pair, arc: Floats2) -> int:
+    """Returns the instant at which agent `own`, by log `i`, first touches `other` on its `arc`; -1 for never."""
     for k in range(len(arc)):
-        if _touches(logs, i, logs.now[i] + k + 1, agents, own, j, arc[k]):
+        if _touches(logs, i, logs.now[i] + k + 1, agents, pair, arc[k]):
             return k
     return -1
 
 
 @kernel
-def _steps_before(logs: Logs, i: int, agents: AgentArrays, own: int, j: int, arc: Floats2) -> int:
-    """Returns the steps that agent `own` can go, by log `i`, without being where the `arc` of `j` leads at any time.
+def _steps_before(logs: Logs, i: int, agents: AgentArrays, pair: Pair, arc: Floats2) -> int:
+    """Returns the steps that agent `own` can go, by log `i`, without being where the `arc` of `other` ever leads.
 
     It is -1 for one that is there already, and is safest if it goes on.
     """
     for k in range(_INSTANTS + 1):
         for place in arc:
-            if _touches(logs, i, logs.now[i] + k, agents, own, j, place):
+            if _touches(logs, i, logs.now[i] + k, agents, pair, place):
                 return k - 1
     return _INSTANTS
 
@@ -150,14 +160,14 @@ def _ways_ahead(logs: Logs, agents: AgentArrays, rows: Ints, others: Bools) -> t
         for j in range(begin[i], end[i]):
             if not others[j]:
                 continue
-            arc = arc_of(agents, j, agents.acceleration[j], _INSTANTS)
-            touch = _first_touch(logs, i, agents, own, j, arc)
+            pair, arc = _pair(agents, own, j), arc_of(agents, j, agents.acceleration[j], _INSTANTS)
+            touch = _first_touch(logs, i, agents, pair, arc)
             if touch < 0:
                 continue
             braked = arc_of(agents, j, min(agents.acceleration[j], -BRAKES), _INSTANTS)
-            if _first_touch(logs, i, agents, own, j, braked) < 0:
+            if _first_touch(logs, i, agents, pair, braked) < 0:
                 continue
-            steps = _steps_before(logs, i, agents, own, j, arc)
+            steps = _steps_before(logs, i, agents, pair, arc)
             free = min(now + steps, logs.last[i])
             way = math.hypot(logs.x[row, free] - logs.x[row, now], logs.y[row, free] - logs.y[row, now])
             if steps >= 0 and way < room[i]:
