@@ -65,21 +65,23 @@ def _off_road_controlled(run: Run) -> float | None:
     lane_map = lane_map_of(run)
     if lane_map is None:
         return None
-    driven, off_road = 0, 0
+    driven, off_lanes = 0, dict[int, list[FloatArray]]()
     for part in run.simulated.parts():
         table = part.stacked
         rows = (table.of_policy & ~table.obstacle).nonzero()[0]
         driven, rows = driven + len(rows), rows[~lane_map.inside_road(table.x[rows], table.y[rows])]
         for agent in np.unique(table.id[rows]).tolist():
             own = rows[table.id[rows] == agent]
-            off_road += int(np.sum(beside_logged_way(run.logged, agent, table.x[own], table.y[own]) > ON_WAY))
+            off_lanes.setdefault(agent, []).append(np.stack([table.x[own], table.y[own]]))
+    places = {agent: np.concatenate(parts, axis=1) for agent, parts in off_lanes.items()}
+    off_road = sum(int(np.sum(beside_logged_way(run.logged, agent, x, y) > ON_WAY)) for agent, (x, y) in places.items())
     return off_road / driven if driven else None
 
 
 def beside_logged_way(log: Steps, agent: int, x: FloatArray, y: FloatArray) -> FloatArray:
     """Returns how far points (n,) [m] are from the way (n,) [m] that `agent` takes in the log."""
-    rows = log.track(agent)
-    way = np.column_stack([log.stacked.x[rows], log.stacked.y[rows]])
+    tracks = [(part.stacked, part.track(agent)) for part in log.parts()]
+    way = np.concatenate([np.column_stack([table.x[rows], table.y[rows]]) for table, rows in tracks])
     return np.asarray(shapely.distance(shapely.points(x, y), shapely.linestrings(np.append(way, way[-1:], axis=0))))
 
 

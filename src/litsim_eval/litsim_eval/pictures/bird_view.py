@@ -91,7 +91,7 @@ def _draw_road(axes: Axes, lane_map: LaneMap, view: View) -> tuple[float, float]
     return max(low, -BESIDE) - MARGIN, min(high, BESIDE) + MARGIN
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=8)
 def _lane_shapes(lane_map: LaneMap) -> tuple[list[shapely.Polygon], list[FloatArray]]:
     """Returns the surfaces of all lanes, and their borders, each (m, 2), in frame map [m]."""
     lines = [(shapely.LineString(lane.centerline), lane.width) for lane in lane_map.lanes]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from litsim_eval.pictures.bird_view import AHEAD, BEHIND, COLOURS, View, boxes_o
 from litsim_eval.pictures.overview import notable_moment
 from litsim_sim.core.colours import CONFLICT, INK
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.record.lanes import lane_map_of
@@ -33,40 +33,26 @@ WIDTH_IN, DPI = 10.0, 100
 TITLE_IN, LEGEND_IN = 0.3, 0.45  # [inch] of height above each run, and below all
 
 
-@dataclass(frozen=True)
-class Strip:
-    """A run in a clip: its lanes, and the agents that touch others, as (step from which on, ids)."""
+def _draw(axes: Axes, run: Run, lane_map: LaneMap | None, time_s: float) -> None:
+    """Draws a run at `time_s` [s]; agents that have run into others, unlike in the log, keep a thick edge."""
+    table = run.tables[int(np.argmin(np.abs(run.steps.step * run.info.dt - time_s)))]
+    hit = {agent for pair, first in run.once(collisions).excess.items() if first <= table.step for agent in pair}
+    view = View.of_ego(table, run.info.ego_id, lane_map)
+    draw_traffic(axes, view, table, lane_map)
+    boxes = list(view.seen(boxes_of(table.take(np.isin(table.id, list(hit))))))
+    axes.add_collection(PolyCollection(boxes, edgecolors=CONFLICT, facecolors="none", linewidths=2.6, zorder=8))
+    axes.set_axis_off()
+    name = run.info.policy + (f": {len(hit)} vehicles in contacts that are not in the log" if hit else "")
+    title = {"fontsize": 11, "color": CONFLICT if hit else INK, "va": "bottom"}
+    axes.text(0.005, 1.02, name, transform=axes.transAxes, **title)
 
-    run: Run
-    lane_map: LaneMap | None
-    touching: tuple[tuple[int, frozenset[int]], ...]
 
-    @classmethod
-    def of(cls, run: Run) -> Strip:
-        """Returns a run with what is drawn of it."""
-        excess = run.once(collisions).excess
-        return cls(run, lane_map_of(run), tuple((step, frozenset(pair)) for pair, step in excess.items()))
-
-    def height_in(self, time_s: float) -> float:
-        """Returns the height [inch] at which the road at `time_s` [s] fills the width."""
-        axes = Figure().add_subplot()
-        self.draw(axes, time_s)
-        low, high = axes.get_ylim()
-        return WIDTH_IN * (high - low) / (AHEAD + BEHIND)
-
-    def draw(self, axes: Axes, time_s: float) -> None:
-        """Draws the step at `time_s` [s]; agents that have run into others keep a thick edge."""
-        index = int(np.argmin(np.abs(self.run.steps.step * self.run.info.dt - time_s)))
-        table = self.run.tables[index]
-        hit = {agent for first, pair in self.touching if first <= table.step for agent in pair}
-        view = View.of_ego(table, self.run.info.ego_id, self.lane_map)
-        draw_traffic(axes, view, table, self.lane_map)
-        boxes = list(view.seen(boxes_of(table.take(np.isin(table.id, list(hit))))))
-        axes.add_collection(PolyCollection(boxes, edgecolors=CONFLICT, facecolors="none", linewidths=2.6, zorder=8))
-        axes.set_axis_off()
-        name = self.run.info.policy + (f": {len(hit)} vehicles in contacts that are not in the log" if hit else "")
-        title = {"fontsize": 11, "color": CONFLICT if hit else INK, "va": "bottom"}
-        axes.text(0.005, 1.02, name, transform=axes.transAxes, **title)
+def _height_in(run: Run, lane_map: LaneMap | None, time_s: float) -> float:
+    """Returns the height [inch] at which the road of a run at `time_s` [s] fills the width."""
+    axes = Figure().add_subplot()
+    _draw(axes, run, lane_map, time_s)
+    low, high = axes.get_ylim()
+    return WIDTH_IN * (high - low) / (AHEAD + BEHIND)
 
 
 def write_clip(runs: Sequence[Run], path: Path) -> None:
@@ -78,11 +64,11 @@ def write_clip(runs: Sequence[Run], path: Path) -> None:
     """
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: expected a name that ends in {', '.join(SUFFIXES)}")
-    strips, last = [Strip.of(run) for run in runs], runs[-1]
+    last = runs[-1]
     moment = notable_moment(last, last.once(ledger)).step * last.info.dt
     end = min(run.tables[-1].step * run.info.dt for run in runs)
     times = np.arange(max(0.0, moment - BEFORE_S), min(end, moment + AFTER_S), EVERY_S)
-    first, *others = tqdm(_frames(strips, times), total=len(times), unit="picture", disable=None)
+    first, *others = tqdm(_frames(runs, times), total=len(times), unit="picture", disable=None)
     options: dict[str, Any] = {"quality": 70, "method": 2} if path.suffix == ".webp" else {}
     with replacing(path) as new:
         first.save(
@@ -90,18 +76,19 @@ def write_clip(runs: Sequence[Run], path: Path) -> None:
         )
 
 
-def _frames(strips: Sequence[Strip], times: np.ndarray) -> Iterator[Image.Image]:
+def _frames(runs: Sequence[Run], times: FloatArray) -> Iterator[Image.Image]:
     """Yields a picture of all runs at each of `times` [s]."""
-    height = [strip.height_in(float(times[0])) for strip in strips]
-    whole = sum(height) + TITLE_IN * len(strips) + LEGEND_IN
+    lane_maps = [lane_map_of(run) for run in runs]
+    height = [_height_in(run, lane_map, float(times[0])) for run, lane_map in zip(runs, lane_maps, strict=True)]
+    whole = sum(height) + TITLE_IN * len(runs) + LEGEND_IN
     figure = Figure(figsize=(WIDTH_IN, whole), dpi=DPI, facecolor="white")
     canvas = FigureCanvasAgg(figure)
     for time_s in times.tolist():
         figure.clear()
         top = whole
-        for strip, high in zip(strips, height, strict=True):
+        for run, lane_map, high in zip(runs, lane_maps, height, strict=True):
             top -= TITLE_IN + high
-            strip.draw(figure.add_axes((0.0, top / whole, 1.0, high / whole)), time_s)
+            _draw(figure.add_axes((0.0, top / whole, 1.0, high / whole)), run, lane_map, time_s)
         figure.legend(handles=legend_handles(COLOURS), loc="lower left", ncols=3, frameon=False, fontsize=10)
         figure.text(0.995, 0.1 / whole, f"{time_s:.1f} s", ha="right", fontsize=10, color=INK)
         canvas.draw()
