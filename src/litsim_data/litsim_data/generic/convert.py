@@ -70,11 +70,12 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
     check_clock(table, source)
     table = in_order(table, source, counts)
     counts.levels = levels(table, source)
-    counts.off_motion = [] if "heading" in mapping.accept else off_their_motion(table[~obstacle_rows(table)], mapping)
+    walking = obstacle_rows(table)
+    counts.off_motion = [] if "heading" in mapping.accept else off_their_motion(table[~walking], mapping)
     off = table["vehicle_id"].isin(counts.off_motion)
     if "speed" in table:
         table = table.assign(speed=table["speed"].mask(off, table["speed"].abs()))
-    counts.accepted = check_plausible(table[~(obstacle_rows(table) | off)], mapping, str(source))
+    counts.accepted = check_plausible(table[~(walking | off)], mapping, str(source))
     if "speed" in table:  # below 0 of reversing vehicles, or of noise around 0
         counts.backwards = int((table["speed"] < 0.0).sum())
         table = table.assign(speed=table["speed"].clip(lower=0.0))

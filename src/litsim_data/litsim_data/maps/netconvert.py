@@ -21,7 +21,7 @@ from litsim_data.maps.direct_junctions import with_connecting_roads
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
-from litsim_sim.io.input_files import read_head, read_xml
+from litsim_sim.io.input_files import read_head, read_plain_xml
 
 DECIMALS = 3  # of written coordinates: millimetres
 LEFT_HAND = "LHT"
@@ -102,9 +102,7 @@ def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) ->
     Raises:
         InputError: as :func:`build_net`, or `source` is missing or no OpenDRIVE.
     """
-    root = read_xml(source, "OpenDRIVE file")
-    for element in root.iter():
-        element.tag = element.tag.rpartition("}")[2]  # without a namespace, which some files have
+    root = read_plain_xml(source, "OpenDRIVE file")
     direct = root.find("junction[@type='direct']") is not None
     try:
         with_connecting_roads(root)

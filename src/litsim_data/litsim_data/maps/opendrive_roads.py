@@ -19,7 +19,7 @@ from litsim_data.maps.netconvert import LEFT_HAND
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.io.input_files import read_xml
+from litsim_sim.io.input_files import number_in, read_plain_xml
 
 SAMPLE = 2.0  # [m] between points of reference lines that positions are compared with
 STEP = 1.0  # [m] between points of ways along lanes
@@ -137,9 +137,9 @@ class Road:
         return self.sections[max(bisect_right(self.sections, s, key=lambda one: one.s) - 1, 0)]
 
     def middle(self, lane: int, s: float) -> tuple[float, float] | None:
-        """Returns distance to the left of the reference line, and width, of a lane at `s` [m]; None if there is none.
+        """Returns how far left of the reference line the middle of a lane is at `s` [m], and the lane's width [m].
 
-        Lane 0 is the line that lanes are counted from.
+        Lane 0 is the line that lanes are counted from. The result is None where the road has no such lane.
         """
         section, side = self.section(s), 1 if lane > 0 else -1
         inner = [section.lanes.get(number) for number in range(side, lane + side, side)] if lane else []
@@ -149,7 +149,7 @@ class Road:
         return self.offset.at(s) + side * (sum(widths) - 0.5 * widths[-1]), widths[-1]
 
     def lane_at(self, s: float, t: float) -> int | None:
-        """Returns the lane that vehicles drive along at a place; None if there is none."""
+        """Returns the number of the lane at a place, None where the road has none that vehicles may use."""
         for number, lane in sorted(self.section(s).lanes.items()):
             place = self.middle(number, s)
             if place and lane.type not in NO_LANES and abs(t - place[0]) <= 0.5 * place[1]:
@@ -190,9 +190,7 @@ class Roads:
     """
 
     def __init__(self, path: Path) -> None:
-        root = read_xml(path, "OpenDRIVE file")
-        for element in root.iter():
-            element.tag = element.tag.rpartition("}")[2]
+        root = read_plain_xml(path, "OpenDRIVE file")
         try:
             self.by_id = {road.id: road for road in map(_road, root.findall("road"))}
             self._connections = list(_connections(root))
@@ -372,16 +370,5 @@ def _cubic(shape: ET.Element, axis: str, p: float) -> tuple[float, float]:
 
 
 def _float(element: ET.Element, name: str) -> float:
-    """Returns an attribute as a number.
-
-    Raises:
-        ValueError: it is missing, or no such number.
-    """
-    text = element.get(name, "")
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= LARGEST:
-        raise ValueError(f"element {element.tag}: attribute {name} is {text:.60}, expected a number up to {LARGEST:g}")
-    return value
+    """Returns an attribute as a number; raises ValueError if it is missing, or no such number."""
+    return number_in(element, name, LARGEST)

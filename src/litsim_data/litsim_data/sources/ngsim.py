@@ -39,7 +39,7 @@ from litsim_sim.scenario.recording import BOUNDS, Recording
 
 PUBLISHER = "US DOT / FHWA, doi 10.21949/1504477"
 KINDS = {"1": "motorcycle", "2": "car", "3": "truck", "0": "unknown"}
-"""Our kinds by v_Class; 0 stands for what is none of them."""
+"""Kinds by v_Class; other classes are read as 0."""
 COLUMNS = {
     "vehicle_id": "vehicle_id",
     "frame": "frame",

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from litsim_sim.io.input_files import read_xml
+from litsim_sim.io.input_files import number_in, read_plain_xml, read_xml
 
 CONTENT = "OpenSCENARIO file"
 LARGEST = 1e7
@@ -58,10 +58,9 @@ def read_scenario(path: Path) -> ET.Element:
         InputError: the file, or one of its catalogs, is no XML.
         UnreadError: entries of catalogs are copied too often.
     """
-    root = read_xml(path, CONTENT)
-    for element in root.iter():
-        element.tag = element.tag.rpartition("}")[2]  # without a namespace
-    fill_in(root.findall("CatalogLocations"), _declared(root, {}, {}))
+    root = read_plain_xml(path, CONTENT)
+    for location in root.iterfind("CatalogLocations"):
+        _fill_in(location, _declared(root, {}, {}))
     _fill_tree(root, _catalogs(root, path))
     return root
 
@@ -72,20 +71,16 @@ def number(element: ET.Element, name: str, default: float | None = None, most: f
     Raises:
         UnreadError: the attribute is no such number, or is missing without a default.
     """
-    text = element.get(name)
-    if text is None and default is not None:
+    if default is not None and element.get(name) is None:
         return default
     try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= most:
-        raise UnreadError(f"element {element.tag}: attribute {name} is {text!s:.60}, expected a number up to {most:g}")
-    return value
+        return number_in(element, name, most)
+    except ValueError as error:
+        raise UnreadError(str(error)) from error
 
 
 def child(element: ET.Element, path: str) -> ET.Element:
-    """Returns the first element at a path within an element; raises UnreadError if there is none."""
+    """Returns the first element at a path within an element; raises UnreadError where the path leads nowhere."""
     found = element.find(path)
     if found is None:
         raise UnreadError(f"element {element.tag} has no {path}")
@@ -111,13 +106,17 @@ def value_of(text: str, scope: Scope) -> str:
     return str(value).lower() if isinstance(value, bool) else f"{value:.0f}" if whole else repr(float(value))
 
 
-def fill_in(elements: list[ET.Element], scope: Scope) -> None:
-    """Puts the values of parameters and expressions in place of them, in elements and all that they hold."""
-    for parent in elements:
-        for element in parent.iter():
-            for name, text in element.attrib.items():
-                if "$" in text:
-                    element.attrib[name] = value_of(text, scope)
+def _fill_in(whole: ET.Element, scope: Scope) -> None:
+    """Puts the values of parameters and expressions in place of them, in an element and all that it holds."""
+    for element in whole.iter():
+        _fill(element, scope)
+
+
+def _fill(element: ET.Element, scope: Scope) -> None:
+    """Puts the values of parameters and expressions in place of them, in the attributes of an element."""
+    for name, text in element.attrib.items():
+        if "$" in text:
+            element.attrib[name] = value_of(text, scope)
 
 
 def _evaluated(node: ast.expr) -> float | bool:
@@ -151,13 +150,11 @@ def _fill_tree(root: ET.Element, catalogs: Mapping[tuple[str, str], ET.Element])
     while stack:
         element, outer, assigned = stack.pop()
         scope = _declared(element, outer, assigned)
-        for name, text in element.attrib.items():
-            if "$" in text:
-                element.attrib[name] = value_of(text, scope)
+        _fill(element, scope)
         for index, part in enumerate(element):
             own: dict[str, str] = {}
             if part.tag == "CatalogReference":
-                fill_in([part], scope)
+                _fill_in(part, scope)
                 entry = catalogs.get((part.get("catalogName", ""), part.get("entryName", "")))
                 if entry is not None:
                     assignments = part.findall("ParameterAssignments/ParameterAssignment")

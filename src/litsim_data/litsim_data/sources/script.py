@@ -196,8 +196,9 @@ class Script:
 
     @cached_property
     def _roads(self) -> Roads | None:
-        known = self._road is not None and self._road.suffix == ".xodr" and self._road.is_file()
-        return Roads(self._road) if known and self._road is not None else None
+        if self._road is None or self._road.suffix != ".xodr" or not self._road.is_file():
+            return None
+        return Roads(self._road)
 
     def _roads_or_refuse(self) -> Roads:
         if self._roads is None:

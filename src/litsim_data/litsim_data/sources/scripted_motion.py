@@ -33,7 +33,7 @@ ORDER = (
     "FollowTrajectoryAction",
     "DeleteEntityAction",
 )
-"""Actions that are played, in the order in which those of one time are."""
+"""Actions that a player plays; actions of one time in this order."""
 EASED: dict[str, tuple[Callable[[FloatArray], FloatArray], float]] = {
     "linear": (lambda share: share, 1.0),
     "cubic": (lambda share: share**2 * (3.0 - 2.0 * share), 1.5),
@@ -196,11 +196,9 @@ class Player:
         self._follows = self._along = None
 
     def _place(self, position: ET.Element | None) -> None:
-        """Puts the entity at a position, if there is one."""
+        """Puts the entity at a position, if there is one, from which it drives on with the speed of its last action."""
         if position is not None:
-            speed = self._speed
-            self._halt()
-            self._speed = speed
+            self._follows = self._along = None
             self.pose = self._positions.pose(position, self.time)[0]
 
     def _Overwrite(self, played: Played) -> None:  # noqa: N802 - named after the element, as those below

@@ -39,7 +39,7 @@ class Storyboard:
             for one in root.findall("ParameterDeclarations/ParameterDeclaration")
         }
         self._times: dict[tuple[str, ET.Element], float | None] = {}
-        """Times that are computed; None of those that are being computed."""
+        """Start and end of elements [s], once computed; None during the computation."""
 
     def start(self, element: ET.Element) -> float:
         """Returns when a story, or an element in it, starts [s]; infinite if never.

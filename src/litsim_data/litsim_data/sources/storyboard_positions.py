@@ -12,6 +12,7 @@ import numpy as np
 
 from litsim_data.maps.opendrive_roads import STEP, Place, Pose, Road, Roads
 from litsim_data.sources.openscenario_xml import UnreadError, child, number
+from litsim_sim.core.geometry import arc_lengths
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.scenario.recording import BOUNDS
 
@@ -105,7 +106,7 @@ class Positions:
         x, y, axis, _ = _in_lane(other.road, lane, other.s, aside)
         begin = Place(other.road, other.s, other.road.project(x, y)[1], lane)
         way = self._roads().way(begin, axis if ahead > 0.0 else axis + math.pi, abs(ahead))
-        if _lengths(way[:, :2])[-1] < abs(ahead) - STEP:
+        if arc_lengths(way[:, :2])[-1] < abs(ahead) - STEP:
             raise UnreadError(f"element {place.tag}: no lane leads {ahead:g} m on")
         x, y, heading = way[-1].tolist()
         return x, y, heading, heading
@@ -146,7 +147,7 @@ def trajectory(follow: ET.Element, start: float, positions: Positions) -> tuple[
     if len(vertices) < 2:
         raise UnreadError(f"element Polyline has {len(vertices)} vertices, expected at least 2")
     poses = _with_courses([positions.pose(child(vertex, "Position"), start) for vertex in vertices])
-    lengths = _lengths(poses[:, :2])
+    lengths = arc_lengths(poses[:, :2])
     offset = number(follow, "initialDistanceOffset", 0.0)
     if not 0.0 <= offset < max(lengths[-1], 1e-9):
         raise UnreadError(f"element FollowTrajectoryAction: initialDistanceOffset {offset:g} is not on the trajectory")
@@ -231,8 +232,3 @@ def _in_lane(road: Road, lane: int, s: float, offset: float) -> tuple[float, flo
         raise UnreadError(f"there is no lane {lane} at s {s:g} of road {road.id:.60}")
     x, y, axis = road.pose(s, middle[0] + offset)
     return x, y, axis, axis if road.leads(lane) else axis + math.pi
-
-
-def _lengths(points: FloatArray) -> FloatArray:
-    """Returns distances (n,) along a way to its points (n, 2) [m]."""
-    return np.r_[0.0, np.hypot(*np.diff(points, axis=0).T).cumsum()]

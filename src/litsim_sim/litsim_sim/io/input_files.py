@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import json
 import stat
-from math import inf
+from math import inf, nan
 from pathlib import Path
 from typing import Any, BinaryIO
 from xml.etree import ElementTree as ET
@@ -78,6 +78,26 @@ def unpacked_max(packed: int) -> int:
     A small file that is large once it is unpacked would fill the memory.
     """
     return max(UNPACKED_MIN, SHRUNK_MAX * packed)
+
+
+def read_plain_xml(path: Path, what: str) -> ET.Element:
+    """Returns the root element as :func:`read_xml`; the tags of all elements are without namespaces."""
+    root = read_xml(path, what)
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+    return root
+
+
+def number_in(element: ET.Element, name: str, most: float) -> float:
+    """Returns an attribute that is a number of at most `most`, whatever its sign; raises ValueError otherwise."""
+    text = element.get(name)
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = nan
+    if not abs(value) <= most:
+        raise ValueError(f"element {element.tag}: attribute {name} is {text!s:.60}, expected a number up to {most:g}")
+    return value
 
 
 def read_xml(path: Path, what: str) -> ET.Element:
