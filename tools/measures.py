@@ -11,8 +11,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from litsim_eval.analysis.lockstep import VALIDITY
 from litsim_eval.analysis.measure import Measure
+from litsim_eval.analysis.measures.lockstep import VALIDITY
 from litsim_eval.analysis.metrics import FAMILIES
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/metrics.md"

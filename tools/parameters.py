@@ -19,8 +19,8 @@ import yaml
 
 from litsim_sim.core import plugins
 from litsim_sim.core.parameters import Config, ParameterOverrides
+from litsim_sim.core.plugins import stage_reader
 from litsim_sim.core.quantities import field_type, unit
-from litsim_sim.core.stage_registry import stage_reader
 from litsim_sim.core.stages import EGO
 from litsim_sim.scenario.run_info import driver_names
 

@@ -53,7 +53,7 @@ setup(
             "us101_windows = litsim_data.sources.ngsim:Windows",
             "waymo_json = litsim_data.sources.waymo:WaymoJson",
             "waymo_tfrecord = litsim_data.sources.waymo:WaymoRecord",
-            "openscenario = litsim_data.sources.openscenario:OpenScenario",
+            "openscenario = litsim_data.sources.openscenario.source:OpenScenario",
             "osi = litsim_data.sources.osi:OpenSimulationInterface",
             "py123d = litsim_data.sources.py123d:Py123d",
             "sumo = litsim_data.sources.sumo:SumoTrajectories",

@@ -19,7 +19,7 @@ import made_sources
 from litsim_data.maps.lanelet2_osm import read_graph
 from litsim_data.maps.opendrive_roads import Roads
 from litsim_data.ngsim.sites import US101
-from litsim_data.sources.openscenario import OpenScenario
+from litsim_data.sources.openscenario.source import OpenScenario
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader

@@ -109,7 +109,7 @@ class Graph:
 
     def start_script(self, name: str, *arguments: object) -> subprocess.Popen[str]:
         """Start a script of this folder in :attr:`domain`."""
-        return self._start([sys.executable, HERE / name, *arguments], {"ROS_DOMAIN_ID": str(self.domain)})
+        return self._start([sys.executable, HERE / "programs" / name, *arguments], {"ROS_DOMAIN_ID": str(self.domain)})
 
     def finish(self, process: subprocess.Popen[str]) -> subprocess.CompletedProcess[str]:
         """Wait for a process to end by itself."""
@@ -221,7 +221,7 @@ def _record(folder: Path, ego: str, policy: str) -> None:
     try:
         words = ("--scenario", made.scenario(), "--ego", ego, "--policy", policy, "--out", folder / "run")
         many = ("--set", "bridge.external_timeout_s=100.0")  # an option of many values before the command
-        stack = (*many, "--", sys.executable, HERE / "external_ego.py") if ego == "external" else ()
+        stack = (*many, "--", sys.executable, HERE / "programs/external_ego.py") if ego == "external" else ()
         done = made.launch(*words, *stack)
         assert not made.running()
     finally:

@@ -17,7 +17,7 @@ from litsim_eval.report.thumbnails import read_thumbnail
 from litsim_eval.report.verdict import verdict_in
 from litsim_sim.record.run import read_run
 
-STACK = [sys.executable, str(Path(__file__).with_name("external_ego.py"))]
+STACK = [sys.executable, str(Path(__file__).with_name("programs") / "external_ego.py")]
 IMPATIENT = {"bridge.answer_timeout_s": 6.0}
 EGOS = [
     {"name": "good", "kind": "external", "command": STACK},

@@ -12,7 +12,7 @@ import pytest
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import Run, read_run
 
-STACK = Path(__file__).parent / "timer_ego.py"
+STACK = Path(__file__).parent / "programs/timer_ego.py"
 
 
 def test_a_timer_on_simulation_time_drives(graph: Any) -> None:

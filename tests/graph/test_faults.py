@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from litsim_eval.analysis.identity import digest
+from litsim_eval.analysis.measures.identity import digest
 from litsim_eval.benchmark.steps import write_scenario
 from litsim_eval.report.analyze import analyze
 from litsim_eval.runs.runner import Runner, record

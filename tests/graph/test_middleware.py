@@ -16,7 +16,7 @@ from litsim_sim.launch.processes import Graph as Launched
 from litsim_sim.launch.supervisor import descendants
 
 STACK = "import rclpy; rclpy.init(); rclpy.spin(rclpy.create_node('stack'))"
-ALONE = Path(__file__).with_name("alone.py")
+ALONE = Path(__file__).with_name("programs") / "alone.py"
 NOT_ALLOWED = 77  # its exit status where the system permits no network of one's own
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from litsim_sim.core.object_ids import uuids_of
+from litsim_sim.ego_port.object_ids import uuids_of
 
 PACKAGE = "autoware_perception_msgs"
 OBJECTS = {

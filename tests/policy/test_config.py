@@ -10,7 +10,7 @@ import yaml
 
 from litsim_sim.core import plugins
 from litsim_sim.core.parameters import ParameterOverrides
-from litsim_sim.core.stage_registry import stage_reader
+from litsim_sim.core.plugins import stage_reader
 from litsim_sim.core.stages import EGO
 from litsim_sim.scenario.run_info import driver_names
 

@@ -6,7 +6,7 @@ import pytest
 
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.stage_registry import configured
+from litsim_sim.core.plugins import configured_stages
 from litsim_sim.core.stages import POLICY_STAGES
 from litsim_sim.scenario.run_info import driver_names
 
@@ -17,7 +17,7 @@ EGO = "perturbed"
 def test_every_stage_of_every_run_is_registered() -> None:
     assert set(plugins.names(plugins.STAGES)) == {"bridge", "recorder", *POLICY_STAGES}
     for ego in driver_names():
-        assert set(configured(STAGES, {}, ego)) == set(STAGES)
+        assert set(configured_stages(STAGES, {}, ego)) == set(STAGES)
 
 
 def test_parameters_of_every_stage_are_taken() -> None:
@@ -29,7 +29,7 @@ def test_parameters_of_every_stage_are_taken() -> None:
         "policy": {"safety.horizon": 2, "rules": False},
         "ego": {"time": (0, 1)},
     }
-    bridge = configured(STAGES, given, EGO)["bridge"]
+    bridge = configured_stages(STAGES, given, EGO)["bridge"]
     assert bridge.answer_timeout_s == 2.0 and bridge.vehicle.delay_s == 0.2
 
 
@@ -90,13 +90,13 @@ def test_parameters_of_every_stage_are_taken() -> None:
 )
 def test_what_cannot_be_is_said(stage: str, name: str, value: Any, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        configured(STAGES, {stage: {name: value}}, EGO)
+        configured_stages(STAGES, {stage: {name: value}}, EGO)
 
 
 def test_a_stage_that_no_package_has() -> None:
     with pytest.raises(InputError, match="no installed package has a stage ghost"):
-        configured(("ghost",), {})
+        configured_stages(("ghost",), {})
     with pytest.raises(
         InputError, match="no installed package has ghost; expected bat, idm, log, onnx, perturbed, track"
     ):
-        configured(("ego",), {}, "ghost")
+        configured_stages(("ego",), {}, "ghost")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_eval.analysis.identity import digest
+from litsim_eval.analysis.measures.identity import digest
 from litsim_eval.runs.runner import Runner, record
 from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_sim.core.errors import InputError

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from litsim_sim.core.processor import CHOICE
+from litsim_sim.kernels.processor import CHOICE
 
 
 def chosen_by(module: str) -> str:

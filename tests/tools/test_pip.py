@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from litsim_eval.analysis.identity import digest
+from litsim_eval.analysis.measures.identity import digest
 from litsim_eval.runs.runner import Runner, record
 from litsim_sim.scenario.run_info import RunPlan
 

@@ -2,6 +2,6 @@
 
 import os
 
-from litsim_sim.core.processor import choose_code
+from litsim_sim.kernels.processor import choose_code
 
 choose_code(os.environ)  # before anything imports numpy

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from litsim_sim.core import plugins, stage_registry
+from litsim_sim.core import plugins
 from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, POLICY_STAGES, PREDICTOR
@@ -298,7 +298,7 @@ def configured(
     """
     taking_part = () if policy in PASSIVE else POLICY_STAGES
     stages = (*taking_part, *(() if ego is None else (EGO,)))
-    return stage_registry.configured(stages, parameters, ego or "")
+    return plugins.configured_stages(stages, parameters, ego or "")
 
 
 class Reaction:

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from litsim_data.cli import main
-from litsim_data.sources.openscenario import OpenScenario
-from litsim_data.sources.openscenario_xml import UnreadError, value_of
+from litsim_data.sources.openscenario.source import OpenScenario
+from litsim_data.sources.openscenario.storyboard import Storyboard
+from litsim_data.sources.openscenario.xml import UnreadError, value_of
 from litsim_data.sources.source import Scene
-from litsim_data.sources.storyboard import Storyboard
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
 from litsim_sim.scenario.recording import Recording

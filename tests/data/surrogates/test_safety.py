@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from litsim_data.surrogates.safety import SIGHT_M, following, safety_series, shortest_own_ttc, times_to_collision
-from litsim_eval.analysis.motion_features import _distance_to_nearest
+from litsim_eval.analysis.measures.motion_features import _distance_to_nearest
 from litsim_sim.core import nearby
 from litsim_sim.core.geometry import box_corners, to_body
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable

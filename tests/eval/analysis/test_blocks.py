@@ -19,7 +19,7 @@ from litsim_sim.core.scene import AgentTable, Controller, Kind
 from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run, read_run
 from litsim_sim.scenario import recording
-from takeovers import takeover
+from made_agents import takeover
 
 Make = Callable[..., Any]
 NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"

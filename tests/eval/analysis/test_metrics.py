@@ -12,10 +12,10 @@ import pytest
 
 import litsim_sim
 from command_line import refusal, status
-from litsim_eval.analysis.identity import digest
-from litsim_eval.analysis.lockstep import problems
+from litsim_eval.analysis.measures.identity import digest
+from litsim_eval.analysis.measures.lockstep import problems
+from litsim_eval.analysis.measures.timing import timing
 from litsim_eval.analysis.metrics import compute_metrics, write_metrics
-from litsim_eval.analysis.timing import timing
 from litsim_eval.cli.analyze import main
 from litsim_eval.report.analyze import FILES, analyze
 from litsim_eval.report.terminal import print_ledger, print_metrics
@@ -26,7 +26,7 @@ from litsim_sim.core.takeover import Takeover
 from litsim_sim.record.failure import write_failure
 from litsim_sim.record.run import Status, TopicGaps, read_run
 from litsim_sim.record.seal import write_seal
-from takeovers import takeover
+from made_agents import takeover
 
 Make = Callable[..., Any]
 NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"

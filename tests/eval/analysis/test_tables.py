@@ -12,14 +12,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from litsim_data.surrogates.safety import safety_series
-from litsim_eval.analysis.comfort import comfort
-from litsim_eval.analysis.displacement import displacements
+from litsim_eval.analysis.measures.comfort import comfort
+from litsim_eval.analysis.measures.displacement import displacements
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.analysis.tables import SERIES, TAKEOVERS, series_tables, write_tables
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run
-from takeovers import takeover
+from made_agents import takeover
 
 Make = Callable[..., Any]
 DOCS = Path(__file__).resolve().parents[3] / "docs/metrics.md"

@@ -25,7 +25,7 @@ from litsim_sim.core.scene import AgentTable, Controller
 from litsim_sim.core.stages import StageState
 from litsim_sim.core.takeover import Takeover, TakeoverState
 from litsim_sim.record.run import Run, RunInfo, Status
-from takeovers import takeover
+from made_agents import takeover
 
 PATIENCE_S = 120.0  # for what takes a moment
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")

@@ -11,8 +11,8 @@ from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
 from campaigns import EGOS
-from litsim_eval.analysis.collision import Pair, contacts
-from litsim_eval.analysis.identity import digest
+from litsim_eval.analysis.measures.collision import Pair, contacts
+from litsim_eval.analysis.measures.identity import digest
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.errors import InputError

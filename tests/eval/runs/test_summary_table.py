@@ -8,8 +8,8 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.measure import Table
+from litsim_eval.analysis.measures.displacement import HORIZONS_S
 from litsim_eval.analysis.summary import rows_of
 from litsim_eval.runs.summary_table import print_summary
 

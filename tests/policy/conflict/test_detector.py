@@ -10,8 +10,6 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent_arrays import agent_arrays
-from constant_motion import straight_on
 from litsim_policy.conflict import overlap
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.detector import (
@@ -30,6 +28,7 @@ from litsim_sim.core.geometry import box_corners, to_body
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import STEP_S, AgentTable
 from litsim_sim.scenario.log import Log
+from made_agents import agent_arrays, straight_on
 
 DT = 0.2  # [s] between instants of the forecasts here
 NOW = 5  # step at which agents are looked at

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from constant_motion import straight_on
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.futures import Futures, PlannedPaths, follow_logs, hold_back, interpolate, planned_motion
 from litsim_policy.conflict.predicted_motion import XX, XY, YAW, PredictedMotion, X, Y
@@ -16,6 +15,7 @@ from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller
 from litsim_sim.scenario.log import Log
+from made_agents import straight_on
 
 NOW = 5  # step at which agents are looked at
 STEPS = 30

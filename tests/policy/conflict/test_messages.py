@@ -8,7 +8,7 @@ from litsim_msgs.msg import Takeovers
 from litsim_policy.conflict.messages import received_takeovers, takeovers_to_message
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.takeover import Takeover, TakeoverTable
-from takeovers import takeover
+from made_agents import takeover
 from wire import damaged, taken
 
 

@@ -18,7 +18,7 @@ from litsim_policy.driving.yielding_rules import (
 from litsim_policy.motion.car_following import Leaders, safe_speed
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.takeover import TakeoverTable
-from takeovers import takeover
+from made_agents import takeover
 
 LENGTH = 4.5  # [m]
 SAFE = OWN_BRAKING, LEADER_BRAKING, RELAX

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from agent_arrays import agent_arrays
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.safety.layer import SafetyConfig
 from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION, FALLING_BACK, SIDE_GAP, make_room
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.takeover import TakeoverTable
-from takeovers import takeover
+from made_agents import agent_arrays, takeover
 
 LENGTH, WIDTH, LANE = 5.0, 2.0, 3.5  # [m]
 STRAIGHT = [[-50.0, 0.0], [300.0, 0.0]]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from driven_runs import Driven
-from litsim_eval.analysis.takeover import jump
+from litsim_eval.analysis.measures.takeover import jump
 from litsim_sim.core.scene import OBSTACLE_KINDS, STEP_S, AgentTable, Controller, Kind
 from litsim_sim.core.takeover import TakeoverState
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_eval.analysis.takeover import jump
+from litsim_eval.analysis.measures.takeover import jump
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller
 from litsim_sim.core.takeover import TakeoverState

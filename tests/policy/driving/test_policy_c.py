@@ -19,7 +19,7 @@ from litsim_research.policies.network import GaussianPolicy, driving_network, pe
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, ControlSource
 from litsim_sim.core.takeover import TakeoverTable
-from takeovers import takeover
+from made_agents import takeover
 
 
 @pytest.fixture

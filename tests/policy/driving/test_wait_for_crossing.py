@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agent_arrays import agent_arrays
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.safety.layer import SafetyConfig
@@ -14,7 +13,7 @@ from litsim_policy.driving.yielding_rules import COURTESY_DECELERATION, EMERGENC
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.scene import OBSTACLE_KINDS, Controller, Kind, is_obstacle
 from litsim_sim.core.takeover import TakeoverTable
-from takeovers import takeover
+from made_agents import agent_arrays, takeover
 
 CONFIG = PolicyCConfig(safety=SafetyConfig(contact=False))
 LENGTH, WIDTH = 5.0, 2.0  # [m]

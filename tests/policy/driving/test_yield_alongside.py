@@ -11,7 +11,7 @@ from litsim_policy.motion.reference_path import logged_path
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
-from takeovers import takeover
+from made_agents import takeover
 
 LENGTH = 4.5  # [m] of everybody
 OPPONENT, STRANGER = 1, 3

@@ -14,7 +14,7 @@ from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, EgoCo
 from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
-from takeovers import takeover
+from made_agents import takeover
 
 
 @dataclass(frozen=True)

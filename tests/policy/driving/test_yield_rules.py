@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from agent_arrays import agent_arrays
 from litsim_policy.driving.handback import COMFORTABLE
 from litsim_policy.driving.yielding_rules import (
     COURTESY_DECELERATION,
@@ -17,6 +16,7 @@ from litsim_policy.driving.yielding_rules import (
 from litsim_policy.motion.along_path import AlongPath
 from litsim_policy.motion.car_following import idm_acceleration
 from litsim_sim.core.geometry import to_body
+from made_agents import agent_arrays
 
 AGENTS, OTHERS = 6, 14
 

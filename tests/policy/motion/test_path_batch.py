@@ -11,7 +11,7 @@ from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_yaw_rate
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
 from litsim_sim.lane_map.lane_map import LaneMap
-from polylines import polylines
+from made_lanes import polylines
 
 several_paths = polylines().map(lambda lines: [ReferencePath(line) for line in lines])
 

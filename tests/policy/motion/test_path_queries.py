@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from litsim_policy.motion.path_batch import CHUNK, UNIT_X, UNIT_Y, PathBatch, S, X, thinned, windows
 from litsim_policy.motion.reference_path import ReferencePath, window
-from polylines import polylines
+from made_lanes import polylines
 
 
 def along(line: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.scenario import Scenario, packaged
 from litsim_sim.scenario.signals import Signals
 from litsim_sim.world.world import World
-from takeovers import takeover
+from made_agents import takeover
 
 NET = packaged("nets/urban_like.net.xml")
 LINKS = read_links(NET)

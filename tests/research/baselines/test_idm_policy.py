@@ -11,7 +11,7 @@ from litsim_research.baselines.idm_policy import IdmPolicy, IdmPolicyConfig
 from litsim_sim.core.scene import ControlSource
 from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
-from takeovers import takeovers_in_region
+from made_agents import takeovers_in_region
 
 SPEED, GAP, LENGTH = 10.0, 15.0, 4.5
 

@@ -22,7 +22,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ControlSource
 from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.scenario.scenario import Scenario
-from takeovers import takeovers_in_region
+from made_agents import takeovers_in_region
 
 
 @pytest.fixture

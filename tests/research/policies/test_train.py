@@ -22,7 +22,7 @@ from litsim_research.policies.expert import expert_pairs
 from litsim_research.policies.network import GaussianPolicy, driving_network
 from litsim_research.policies.ppo import tensor
 from litsim_research.policies.rollout import HereDriving, collect
-from litsim_research.policies.rules import learn_rules
+from litsim_research.policies.train import learn_rules
 from litsim_research.policies.warm_start import WarmStart, clone
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml

@@ -14,7 +14,8 @@ from pydantic import BaseModel
 
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_research.imitation import network as imitation_network
-from litsim_research.policies import network, simnet_network
+from litsim_research.imitation import simnet_network
+from litsim_research.policies import network
 from litsim_research.policies.checkpoint import CHECKPOINT, ResumableTraining, write_history
 from litsim_research.policies.data import DataConfig, TrainingData, prepare
 from litsim_research.policies.training_program import training_program

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_sim.core.lockstep import Gate, Joiner
+from litsim_sim.core.lockstep import Gate, Joiner, marks_of, step_marks
 
 RUN, CONTROLS, EGO = "run-1", "controls", "ego"
 
@@ -131,3 +131,14 @@ def test_every_step_is_given_out_once_and_in_order_however_its_inputs_are_shuffl
             assert inputs == {n: (n, step) for n in names}
             given_out.append(step)
     assert given_out == list(range(6))
+
+
+def test_marks_survive_to_the_microsecond() -> None:
+    marks = {"begin": 12345.6789012, "answered": 12345.7}
+    assert marks_of(step_marks(marks)) == pytest.approx(marks, abs=1e-6, rel=0)
+
+
+@pytest.mark.parametrize("text", ["", "no marks at all", "begin= answered", "begin=soon"])
+def test_words_that_are_no_marks_are_passed_over(text: str) -> None:
+    assert marks_of(text) == {}
+    assert marks_of(f"{text} free=1.5") == {"free": 1.5}

@@ -1,14 +1,14 @@
 """The ego's vehicle model: actuators by their definitions, and the default that changes nothing."""
 
 from dataclasses import fields
-from math import exp, inf, nan
+from math import exp, inf, nan, tan
 
 import numpy as np
 import pytest
 
 from litsim_sim.core.dynamics import VehicleLimits
-from litsim_sim.core.scene import STEP_S
-from litsim_sim.core.vehicle import VEHICLE_FIELDS, Actuators, VehicleModel
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, AgentTable
+from litsim_sim.core.vehicle import VEHICLE_FIELDS, Actuators, VehicleGeometry, VehicleModel
 
 STANDING = (0.0, 0.0)
 
@@ -78,3 +78,21 @@ def test_values_that_make_no_vehicle(values: dict[str, float], error: str) -> No
     with pytest.raises(ValueError, match=error):
         VehicleModel.of(values)
     assert set(VEHICLE_FIELDS) == {field.name for field in fields(VehicleModel)}
+
+
+def test_a_truck_is_as_long_as_its_overhangs_and_wheelbase() -> None:
+    columns = {name: np.zeros(1, DTYPES[name]) for name in ARRAY_FIELDS}
+    columns |= {
+        "id": np.array([7]),
+        "kind": np.array([1], np.uint8),
+        "length": np.array([11.0]),
+        "width": np.array([2.5]),
+    }
+    vehicle = VehicleModel(rear_axle=0.3)
+    geometry = VehicleGeometry.of(AgentTable(0, **columns), 7, vehicle)
+    assert geometry.rear_overhang + geometry.wheelbase + geometry.front_overhang == pytest.approx(11.0)
+    assert geometry.rear_axle_to_centre + geometry.rear_overhang == pytest.approx(5.5)
+    assert (geometry.rear_axle_to_centre, geometry.height) == (pytest.approx(3.3), 3.2)
+    values = geometry.described(vehicle)
+    assert set(VEHICLE_FIELDS) < set(values)
+    assert tan(values["steering_angle_max"]) / geometry.wheelbase == pytest.approx(vehicle.curvature_max)

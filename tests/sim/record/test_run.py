@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from litsim_eval.analysis.identity import digest
+from litsim_eval.analysis.measures.identity import digest
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, Controller, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState

@@ -12,10 +12,10 @@ import numpy as np
 
 from litsim_autoware.messages.cdr import TIME, Fields, ListMessage, RecordList, header, stamped
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.object_ids import uuids_of
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ByteArray, FloatArray, IntArray, Kind
 from litsim_sim.core.signals import SignalState
-from litsim_sim.core.vehicle_geometry import HEIGHTS
+from litsim_sim.core.vehicle import HEIGHTS
+from litsim_sim.ego_port.object_ids import uuids_of
 from litsim_sim.lane_map.signal_links import relation_id
 from litsim_sim.scenario.signals import Signals
 

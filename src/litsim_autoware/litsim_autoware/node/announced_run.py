@@ -10,7 +10,7 @@ from litsim_msgs.msg import RunInfo
 from litsim_autoware.messages.vehicle import RearAxle
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.stages import BRIDGE
-from litsim_sim.core.vehicle_geometry import VehicleGeometry
+from litsim_sim.core.vehicle import VehicleGeometry
 from litsim_sim.ros.topics import RUN_INFO
 from litsim_sim.scenario.perception import Perception
 from litsim_sim.scenario.scenario import Scenario

@@ -23,7 +23,7 @@ from litsim_autoware.messages.output import QOS, Output
 from litsim_autoware.messages.vehicle import RearAxle
 from litsim_autoware.node.vehicle_state import VehicleState
 from litsim_sim.core.scene import STEP_NS
-from litsim_sim.core.vehicle_geometry import VehicleGeometry
+from litsim_sim.core.vehicle import VehicleGeometry
 from litsim_sim.ros.endpoints import publisher_on
 from litsim_sim.ros.frames import fixed_frames
 from litsim_sim.ros.topics import FRAMES, TF, TF_STATIC

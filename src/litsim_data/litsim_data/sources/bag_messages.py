@@ -25,9 +25,9 @@ from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.generic.mapping import Mapping
 from litsim_data.sources.source import Scene, SignalChange
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.object_ids import agent_of
 from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.signals import SignalState
+from litsim_sim.ego_port.object_ids import agent_of
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.record.decoding import UNDECODABLE, check_size
 

@@ -1,1 +1,1 @@
-"""Measures of a recorded run, computed from its MCAP file alone; one module per family of measures."""
+"""Measures of a recorded run, computed from its MCAP file alone; what a measure is, and tables of their values."""

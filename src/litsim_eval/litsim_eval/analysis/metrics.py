@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from litsim_eval.analysis import (
+from litsim_eval.analysis.measure import Measure, Row, Table, mean
+from litsim_eval.analysis.measures import (
     comfort,
     displacement,
     driven_traffic,
@@ -30,7 +31,6 @@ from litsim_eval.analysis import (
     takeover,
     timing,
 )
-from litsim_eval.analysis.measure import Measure, Row, Table, mean
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing

@@ -7,8 +7,8 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.measure import Better, Measure, Metrics, Row, Table, figure_at, total
+from litsim_eval.analysis.measures.displacement import HORIZONS_S
 from litsim_eval.analysis.metrics import ADDED, measures
 from litsim_eval.analysis.metrics_tree import leaves, metric_fields
 from litsim_sim.core.errors import shown

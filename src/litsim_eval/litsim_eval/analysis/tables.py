@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 
 from litsim_data.surrogates.encroachment import PET_HORIZON, times_since_others
 from litsim_data.surrogates.safety import following, times_to_collision
-from litsim_eval.analysis.comfort import BOUNDS, motion_values
-from litsim_eval.analysis.takeover import LedgerEntry, ledger
+from litsim_eval.analysis.measures.comfort import BOUNDS, motion_values
+from litsim_eval.analysis.measures.takeover import LedgerEntry, ledger
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.steps import StackedTable, Steps
 from litsim_sim.io.files import replacing
@@ -65,7 +65,7 @@ TAKEOVERS = pa.schema(
     (field.name, pa.int32() if field.name.endswith("_step") else _TYPES[str(field.type).removesuffix(" | None")])
     for field in fields(LedgerEntry)
 )
-"""Columns of the takeovers: the fields of :class:`litsim_eval.analysis.takeover.LedgerEntry`."""
+"""Columns of the takeovers: the fields of :class:`litsim_eval.analysis.measures.takeover.LedgerEntry`."""
 
 _MOTION = {  # bounded quantity of comfort: column
     "lateral_acceleration": "lateral_acceleration_mps2",

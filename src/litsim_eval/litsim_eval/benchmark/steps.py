@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from litsim_eval.analysis.timing import step_path
+from litsim_eval.analysis.measures.timing import step_path
 from litsim_eval.runs.runner import Runner
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, Kind
@@ -55,7 +55,7 @@ RATIOS = {
 }
 
 PATH = "graph: "
-"""Prefix of the parts of a step's way through the graph, see :mod:`litsim_eval.analysis.timing`."""
+"""Prefix of the parts of a step's way through the graph, see :mod:`litsim_eval.analysis.measures.timing`."""
 
 Sample = dict[str, float]
 """Times of a step in one repetition [ms], by name: :data:`PARTS` (medians over the steps of the run, except transport,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from litsim_eval.analysis.identity import digest
+from litsim_eval.analysis.measures.identity import digest
 from litsim_eval.check_ads.bystander import Bystander
 from litsim_eval.check_ads.trace import FAILED, FINISHED, Ending, Evidence, summarised
 from litsim_sim.core.errors import InputError

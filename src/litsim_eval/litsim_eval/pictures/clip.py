@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 from tqdm import tqdm
 
-from litsim_eval.analysis.collision import collisions
-from litsim_eval.analysis.takeover import ledger
+from litsim_eval.analysis.measures.collision import collisions
+from litsim_eval.analysis.measures.takeover import ledger
 from litsim_eval.pictures.bird_view import AHEAD, BEHIND, COLOURS, View, boxes_of, draw_traffic, legend_handles
 from litsim_eval.pictures.overview import notable_moment
 from litsim_sim.core.colours import CONFLICT, INK

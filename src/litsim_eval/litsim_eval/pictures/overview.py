@@ -30,9 +30,9 @@ from litsim_data.pictures.plan_view import (
     pieces,
     tracks,
 )
-from litsim_eval.analysis.collision import collisions
-from litsim_eval.analysis.signals import run_passages
-from litsim_eval.analysis.takeover import LedgerEntry, ledger
+from litsim_eval.analysis.measures.collision import collisions
+from litsim_eval.analysis.measures.signals import run_passages
+from litsim_eval.analysis.measures.takeover import LedgerEntry, ledger
 from litsim_eval.pictures.bird_view import AHEAD, BEHIND, COLOURS, NAMES, View, boxes_of, draw_traffic, legend_handles
 from litsim_sim.core.colours import FAINT, INK
 from litsim_sim.core.geometry import to_body

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from litsim_data.surrogates.safety import TTC_CRITICAL_S, following, safety_series
-from litsim_eval.analysis.comfort import BOUNDS, motion_values
+from litsim_eval.analysis.measures.comfort import BOUNDS, motion_values
 from litsim_eval.report.forecasts import Forecasts
 from litsim_eval.report.moments import moments
 from litsim_eval.report.packing import Packer
@@ -42,7 +42,7 @@ IN_MAP = np.zeros(2)
 TTC_MAX = 12.0  # [s] largest time to collision that is plotted
 HEADWAY_MAX = 6.0  # [s] largest headway that is plotted
 COMFORT = {"acceleration": "longitudinal_acceleration", "jerk": "longitudinal_jerk", "yaw_rate": "yaw_rate"}
-"""Series of the ego with their names in :data:`litsim_eval.analysis.comfort.BOUNDS`."""
+"""Series of the ego with their names in :data:`litsim_eval.analysis.measures.comfort.BOUNDS`."""
 ON_LOG = 0.005  # [m]
 
 

@@ -10,8 +10,8 @@ from typing import Any
 from markupsafe import Markup
 from pydantic import ValidationError
 
+from litsim_eval.analysis.measures.timing import pace_text
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.analysis.timing import pace_text
 from litsim_eval.report.content import pack_run
 from litsim_eval.report.events import contact_table, takeover_table
 from litsim_eval.report.forecasts import read_forecasts

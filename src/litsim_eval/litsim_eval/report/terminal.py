@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from litsim_eval.analysis.standoff import standoff_text
-from litsim_eval.analysis.timing import pace_text
+from litsim_eval.analysis.measures.standoff import standoff_text
+from litsim_eval.analysis.measures.timing import pace_text
 from litsim_eval.report.wording import lockstep_text, measured
 from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import STEP_S

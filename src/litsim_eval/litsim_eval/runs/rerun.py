@@ -17,8 +17,8 @@ from litsim_policy.conflict.messages import takeovers_to_message
 from litsim_policy.ego.ego import Ego
 from litsim_predictor.ros.messages import forecast_from_message, forecast_to_message
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.plugins import configured_stages
 from litsim_sim.core.scene import AgentTable, EgoCommand
-from litsim_sim.core.stage_registry import configured
 from litsim_sim.core.stages import CONFLICT, EGO, POLICY, PREDICTOR
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.record.digest import RunDigest
@@ -163,7 +163,7 @@ FROM_MESSAGE: dict[str, Callable[[Any], Any]] = {
 def _core(record: Record, name: str) -> Callable[..., Any]:
     """Returns the function from input messages to the answer of a stage, set up with the recorded parameters."""
     stage, info = STAGES[name], record.info
-    make = configured((name,), {name: record.parameters.get(name, {})}, info.ego)[name]
+    make = configured_stages((name,), {name: record.parameters.get(name, {})}, info.ego)[name]
     core = make(record.scenario) if name == EGO else make(info.policy, record.scenario)
 
     def answer(*messages: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 from scipy.stats import binomtest
 
-from litsim_eval.analysis.safety import avoidable
+from litsim_eval.analysis.measures.safety import avoidable
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.results import RunResult, rerun_command
 from litsim_eval.campaign.suite import CaseEntry

@@ -10,7 +10,7 @@ from litsim_msgs.msg import Takeover as TakeoverMessage
 from litsim_msgs.msg import Takeovers
 
 from litsim_sim.core import topic_names
-from litsim_sim.core.columns import check_columns
+from litsim_sim.core.checks import check_columns
 from litsim_sim.core.takeover import Pose, Takeover, TakeoverTable
 from litsim_sim.ros.messages import header, refused, to_array
 

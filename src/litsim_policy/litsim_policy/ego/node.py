@@ -10,8 +10,8 @@ from litsim_msgs.msg import RunInfo
 from litsim_policy.ego.ego import Ego
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
+from litsim_sim.core.plugins import stage_reader
 from litsim_sim.core.scene import AgentTable, EgoCommand
-from litsim_sim.core.stage_registry import stage_reader
 from litsim_sim.core.stages import EGO
 from litsim_sim.launch.nodes import DRIVER
 from litsim_sim.ros.messages import ego_to_message, received_agents

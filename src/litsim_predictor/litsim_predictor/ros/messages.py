@@ -7,7 +7,7 @@ from litsim_msgs.msg import JointForecast
 
 from litsim_predictor.forecast import DT_MIN_S, Float32Array, Forecast, Modes
 from litsim_sim.core import topic_names
-from litsim_sim.core.columns import check_columns
+from litsim_sim.core.checks import check_columns
 from litsim_sim.core.scene import IntArray
 from litsim_sim.ros.messages import header, refused, to_array
 

@@ -14,7 +14,7 @@ TRAININGS = {
     "policy": ("litsim_research.policies.train", "policy C"),
     "imitation": ("litsim_research.imitation.train", "the baselines gail and rail"),
     "reactions": ("litsim_research.reactions.train", "by how much people change their speed behind a leader"),
-    "simnet": ("litsim_research.policies.simnet_train", "the baseline simnet"),
+    "simnet": ("litsim_research.imitation.simnet_train", "the baseline simnet"),
     "followers": ("litsim_research.reactions.calibrate", "the car following of policy litsim"),
 }
 """Modules of the trainings, which are imported on call, so that a lack of torch is reported."""

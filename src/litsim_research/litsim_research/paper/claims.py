@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from litsim_eval.analysis.displacement import HORIZONS_S
+from litsim_eval.analysis.measures.displacement import HORIZONS_S
 from litsim_research.paper.experiments import OURS, PAPER_SETUP
 from litsim_research.paper.tables import NOTHING, PUBLISHED, ClaimRow, Row, markdown
 

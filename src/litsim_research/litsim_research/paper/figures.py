@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
 
-from litsim_eval.analysis.displacement import HORIZONS_S
+from litsim_eval.analysis.measures.displacement import HORIZONS_S
 from litsim_research.paper.measures import ade_parts, count, figure, run_parts
 from litsim_research.paper.tables import Methods
 from litsim_sim.io.files import replacing

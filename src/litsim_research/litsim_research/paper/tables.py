@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from litsim_eval.analysis.displacement import HORIZONS_S
 from litsim_eval.analysis.measure import Metrics
+from litsim_eval.analysis.measures.displacement import HORIZONS_S
 from litsim_eval.campaign.results import Campaign, RunResult
 from litsim_research.paper.experiments import BASELINES, OURS
 from litsim_research.paper.measures import (

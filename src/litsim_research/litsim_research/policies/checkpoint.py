@@ -13,8 +13,7 @@ import torch
 
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.critic import Critic
-from litsim_research.policies.data import TrainingData
-from litsim_research.policies.data_state import DataState
+from litsim_research.policies.data import DataState, TrainingData
 from litsim_research.policies.network import GaussianPolicy, StochasticPolicy, multilayer, save
 from litsim_research.policies.plots import PANELS
 from litsim_research.policies.ppo import Demonstrations, Track, make_batch, update_policy

@@ -20,21 +20,21 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from tqdm import tqdm
+from tqdm import tqdm, trange
 
 from litsim_research.policies.checkpoint import BEST, CHECKPOINT, CURVES, Training
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.critic import driven_pairs, expert_and_policy_pairs, update_critic
 from litsim_research.policies.data import TrainingData, prepare
 from litsim_research.policies.expert import expert_pairs
-from litsim_research.policies.network import driving_network
-from litsim_research.policies.ppo import Demonstrations
+from litsim_research.policies.network import GaussianPolicy, driving_network
+from litsim_research.policies.ppo import Demonstrations, tensor
 from litsim_research.policies.rollout import Driving, Episode, begin, begin_validation, collect, validate
 from litsim_research.policies.rollout_pool import rollouts
-from litsim_research.policies.rules import learn_rules
 from litsim_research.policies.training_program import training_parser, training_program
 from litsim_research.policies.warm_start import clone
 from litsim_sim.cli.program import at_least_one, program
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.yaml_input import read_yaml
 
 
@@ -147,3 +147,25 @@ def main(argv: list[str] | None = None) -> None:
 
 if __name__ == "__main__":
     main()
+
+
+def learn_rules(policy: GaussianPolicy, driving: Driving, config: TrainConfig, *, progress: bool) -> None:
+    """Fit `policy`, in place, to what the rules would do where it comes itself (DAgger, Ross 2011).
+
+    In each of `config.rule_rounds` it drives, and learns from the agent-steps of all rounds so far: who has only seen
+    the rules drive does not know what to do where these would never have come.
+
+    Raises:
+        InputError: no agent is driven in any episode, or the policy diverges.
+    """
+    rounds: list[dict[str, float]] = []
+    observed: list[FloatArray] = []
+    advised: list[FloatArray] = []
+    for number in trange(config.rule_rounds, unit="round", disable=not progress):
+        tracks, rates = collect(begin(driving, policy, config, rounds))
+        rounds.append(rates)
+        observed += [track.observation[:-1] for track in tracks]
+        advised += [track.advice for track in tracks if track.advice is not None]
+        advice = tensor(np.concatenate(advised))
+        shown = Demonstrations(tensor(np.concatenate(observed)), advice, torch.ones(len(advice)))
+        clone(policy, shown, config.warm_start, config.seed + number, shown.error)

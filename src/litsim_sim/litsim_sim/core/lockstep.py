@@ -9,7 +9,9 @@ a DDS graph can be lost until all readers and writers have matched; from then on
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from sys import intern
 from typing import Any
 
 RECORDER_WINDOW = 50
@@ -113,3 +115,18 @@ class Joiner:
     def asked_again(self, name: str, run_id: str, step: int) -> bool:
         """Returns whether this input asks again for the step that was answered last."""
         return name == self.inputs[0] and run_id == self.run_id and step == self.answered
+
+
+def step_marks(marks: Mapping[str, float]) -> str:
+    """Returns the marks of one step, clock times [s] by name, as the `text` of a timing message."""
+    return " ".join(f"{name}={time:.6f}" for name, time in marks.items())
+
+
+def marks_of(text: str) -> dict[str, float]:
+    """Inverts :func:`step_marks`; parts of the text that are not marks are ignored."""
+    marks = {}
+    for part in text.split():
+        name, _, value = part.partition("=")
+        with suppress(ValueError):
+            marks[intern(name)] = float(value)  # few names, of many steps
+    return marks

@@ -3,20 +3,26 @@
 A package names a class or a function in an entry point of one of the groups below, and every program of LitSim knows it
 by the name of the entry point. LitSim's own stages, policies, egos, predictors, metrics and formats are registered in
 the same way. `docs/extending.md` has an example of each.
+
+A stage is an entry point of ``litsim.stages``: a function that reads the stage's configurations with a
+:class:`~litsim_sim.core.parameters.ParameterOverrides`, and returns a factory of the stage for a scenario. The ego's
+stage is that of its driver, a plug-in of ``litsim.egos``. The launcher, which imports no package above its own, thus
+checks parameters with the same functions as the nodes and the in-process runner.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, distributions
 from typing import Any, ClassVar
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterOverrides, not_among
+from litsim_sim.core.parameters import ParameterOverrides, Parameters, not_among
+from litsim_sim.core.stages import EGO
 
 STAGES = "litsim.stages"
-"""Functions that read the parameters of a stage; see :mod:`litsim_sim.core.stage_registry`."""
+"""Functions that read the parameters of a stage; see :func:`configured_stages`."""
 POLICIES = "litsim.policies"
 """Policies of the background: classes as `litsim_policy.driving.policy.Policy`."""
 EGOS = "litsim.egos"
@@ -127,3 +133,35 @@ def _entry_points() -> dict[str, list[EntryPoint]]:
 
 def _described(entry: EntryPoint) -> str:
     return f"{entry.value} of {entry.dist.name if entry.dist else 'an unknown package'}"
+
+
+def stage_reader(stage: str, ego: str = "") -> Callable[[ParameterOverrides], Any]:
+    """Returns the registered function of `stage`; of the ego's stage, that of the driver called `ego`.
+
+    Raises:
+        InputError: no installed package has it.
+    """
+    if stage == EGO:
+        read: Callable[[ParameterOverrides], Any] = load(EGOS, ego).read
+        return read
+    if stage not in installed(STAGES):
+        raise InputError(f"no installed package has a stage {stage}; build the workspace (make build)")
+    registered: Callable[[ParameterOverrides], Any] = load(STAGES, stage)
+    return registered
+
+
+def configured_stages(stages: Iterable[str], parameters: Parameters, ego: str = "") -> dict[str, Any]:
+    """Read the parameters of the stages of a run; return the result of each stage's registered function, by stage.
+
+    `ego` is the name of the ego's driver, if the ego is among the stages. Raises an InputError if a stage takes no
+    part in the run or is not installed, or a parameter is unknown or does not fit.
+    """
+    taking_part = tuple(stages)
+    if absent := sorted(set(parameters) - set(taking_part)):
+        raise InputError(f"no stage of this run: {not_among(absent, taking_part)}")
+    factories = {}
+    for stage in taking_part:
+        read = ParameterOverrides(stage, parameters.get(stage, {}))
+        factories[stage] = stage_reader(stage, ego)(read)
+        read.check()
+    return factories

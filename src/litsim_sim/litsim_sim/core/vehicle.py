@@ -1,10 +1,10 @@
-"""The ego's vehicle: its limits, and how its actuators follow a command."""
+"""The ego's vehicle: its limits, its size, and how its actuators follow a command."""
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import fields
-from math import exp, inf
+from dataclasses import asdict, dataclass, fields
+from math import atan, exp, inf
 from typing import Annotated
 
 import numpy as np
@@ -13,7 +13,7 @@ from pydantic import Field, Strict, ValidationError, model_validator
 from litsim_sim.core.dynamics import SPEED_MIN, VehicleLimits
 from litsim_sim.core.parameters import problems
 from litsim_sim.core.quantities import Duration, NonNegative, Unit, configuration
-from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.scene import STEP_S, AgentTable, Kind
 
 DELAY_TOLERANCE = 1e-6  # of a step
 
@@ -106,3 +106,60 @@ class Actuators:
         most = self._model.jerk_max * STEP_S
         self._now = (self._now[0] + float(np.clip(change[0], -most, most)), self._now[1] + change[1])
         return self._now
+
+
+HEIGHTS = {
+    Kind.CAR: 1.5,
+    Kind.TRUCK: 3.2,
+    Kind.MOTORCYCLE: 1.5,
+    Kind.BICYCLE: 1.7,
+    Kind.PEDESTRIAN: 1.7,
+    Kind.UNKNOWN: 1.5,
+}
+"""[m] Height of an agent by its kind, which recordings do not have."""
+FRONT_AXLE = 0.29  # distance of the front axle ahead of the box centre, as a share of the length
+TRACK = 0.85  # distance between the wheels of an axle, as a share of the width
+
+
+@dataclass(frozen=True)
+class VehicleGeometry:
+    """Size of a vehicle [m].
+
+    Attributes:
+        length, width, height: of its box.
+        wheelbase: from the rear to the front axle.
+        front_overhang, rear_overhang: from the axle to the end of the box.
+        track: between the wheels of an axle.
+        rear_axle_to_centre: from the rear axle to the box centre.
+    """
+
+    length: float
+    width: float
+    height: float
+    wheelbase: float
+    front_overhang: float
+    rear_overhang: float
+    track: float
+    rear_axle_to_centre: float
+
+    @classmethod
+    def of(cls, table: AgentTable, agent: int, vehicle: VehicleModel) -> VehicleGeometry:
+        """The size of `agent`, which is on the road in `table`, as the model of its `vehicle` has it."""
+        row = table.row(agent)
+        length, width = float(table.length[row]), float(table.width[row])
+        rear = vehicle.rear_axle * length
+        return cls(
+            length=length,
+            width=width,
+            height=HEIGHTS[Kind(int(table.kind[row]))],
+            wheelbase=rear + FRONT_AXLE * length,
+            front_overhang=(0.5 - FRONT_AXLE) * length,
+            rear_overhang=0.5 * length - rear,
+            track=TRACK * width,
+            rear_axle_to_centre=rear,
+        )
+
+    def described(self, vehicle: VehicleModel) -> dict[str, float]:
+        """The sizes [m], the largest steering angle [rad], and the fields of the model of its `vehicle`, by name."""
+        steering = {"steering_angle_max": atan(vehicle.curvature_max * self.wheelbase)}
+        return asdict(self) | steering | asdict(vehicle)

@@ -10,7 +10,7 @@ from typing import Any
 
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.stage_registry import configured
+from litsim_sim.core.plugins import configured_stages
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY, POLICY_STAGES, RECORDER
 from litsim_sim.core.topic_names import AUTO
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
@@ -101,7 +101,7 @@ def nodes_of(
         BRIDGE: _of_bridge(plan) | {"scenario": scenario} | bridge,
     }
     parameters = {name: own.get(name, {}) | dict(plan.parameters.get(name, {})) for name in (*own, *plan.parameters)}
-    configured(names, parameters, plan.ego)
+    configured_stages(names, parameters, plan.ego)
     if EGO in names:
         parameters[EGO] = {DRIVER: plan.ego} | parameters.get(EGO, {})
     return [GraphNode(name, *program_of(name), parameters.get(name, {})) for name in names]

@@ -9,9 +9,9 @@ from contextlib import closing
 from tqdm import tqdm
 
 from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
+from litsim_sim.core.lockstep import step_marks
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stages import RECORDER, StageState
-from litsim_sim.core.step_marks import step_marks
 from litsim_sim.core.topic_names import RECORDED, STATUS
 from litsim_sim.launch.domain import held_domain
 from litsim_sim.nodes.bridge_node import BridgeNode

@@ -14,7 +14,7 @@ from rosgraph_msgs.msg import Clock
 
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.stages import RECORDER
-from litsim_sim.core.vehicle_geometry import VehicleGeometry
+from litsim_sim.core.vehicle import VehicleGeometry
 from litsim_sim.nodes.step_clock import StepClock
 from litsim_sim.ros import frames, messages, standard
 from litsim_sim.ros.endpoints import publisher_on

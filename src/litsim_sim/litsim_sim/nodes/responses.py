@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
-from litsim_sim.core.columns import check_columns
+from litsim_sim.core.checks import check_columns
 from litsim_sim.core.errors import printable, shown
 from litsim_sim.core.lockstep import RECORDER_WINDOW, Gate
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand

@@ -15,11 +15,11 @@ import shapely
 from geometry_msgs.msg import Vector3
 from rclpy.node import Node
 
-from litsim_sim.core.budgets import check_budget
+from litsim_sim.core.checks import check_budget
 from litsim_sim.core.errors import printable, reason
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import AgentTable, Controller, Kind
-from litsim_sim.core.vehicle_geometry import HEIGHTS
+from litsim_sim.core.vehicle import HEIGHTS
 from litsim_sim.launch.middleware import is_secured
 from litsim_sim.ros.messages import header
 from litsim_sim.scenario.run_info import RunPlan

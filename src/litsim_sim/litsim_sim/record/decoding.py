@@ -11,7 +11,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from litsim_sim.core.budgets import DEFINITION_BYTES_MAX, LEVELS_MAX, check_budget
+from litsim_sim.core.checks import DEFINITION_BYTES_MAX, LEVELS_MAX, check_budget
 from litsim_sim.record.bag import BagTopic
 
 UNDECODABLE = (

@@ -14,13 +14,13 @@ from typing import IO, Any, TypeVar, cast
 
 import numpy as np
 
-from litsim_sim.core.budgets import CELLS_MAX, STEPS_MAX, check_budget
+from litsim_sim.core.checks import CELLS_MAX, STEPS_MAX, check_budget
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.lockstep import marks_of
 from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import AgentTable, ByteArray, ControlTable, EgoCommand, IntArray
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.stages import BRIDGE, StageState
-from litsim_sim.core.step_marks import marks_of
 from litsim_sim.core.steps import Steps, StepsBuilder, write_temporary
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.core.topic_names import (
@@ -144,7 +144,7 @@ class Run:
         detections: how conflict detection ended, by step.
         timing: compute time [s] by stage and step.
         marks: clock times that each stage took while it served a step [s], by stage, step and name; see
-            :mod:`litsim_eval.analysis.timing`.
+            :mod:`litsim_eval.analysis.measures.timing`.
         minimum_risk: what the stack that drives the ego has told of its minimum-risk manoeuvre, by step: the values of
             ``autoware_adapi_v1_msgs/MrmState``, of which 1 is normal driving; empty where that is not recorded.
         statuses: reported states of all stages, in order of arrival.

@@ -13,8 +13,7 @@ from geometry_msgs.msg import Point32, PolygonStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
-from litsim_sim.core.vehicle import VehicleModel
-from litsim_sim.core.vehicle_geometry import VehicleGeometry
+from litsim_sim.core.vehicle import VehicleGeometry, VehicleModel
 from litsim_sim.ros.endpoints import publisher_on
 from litsim_sim.ros.messages import header
 from litsim_sim.ros.topics import FRAMES, TF, TF_STATIC

@@ -18,7 +18,7 @@ from nav_msgs.msg import Odometry, Path
 from std_msgs.msg import Header
 
 from litsim_sim.core import topic_names
-from litsim_sim.core.columns import check_columns
+from litsim_sim.core.checks import check_columns
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import (
     ARRAY_FIELDS,

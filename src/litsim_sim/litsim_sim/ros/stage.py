@@ -13,11 +13,10 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from litsim_sim.core.errors import InputError, reason
-from litsim_sim.core.lockstep import Joiner
+from litsim_sim.core.lockstep import Joiner, step_marks
 from litsim_sim.core.parameters import ParameterOverrides
-from litsim_sim.core.stage_registry import stage_reader
+from litsim_sim.core.plugins import stage_reader
 from litsim_sim.core.stages import BRIDGE
-from litsim_sim.core.step_marks import step_marks
 from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.ros import messages
 from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe

@@ -26,7 +26,7 @@ def rasters(shape: RasterShape, count: int) -> np.ndarray:
 def test_the_loop_says_what_torch_says_whoever_is_beside(
     tmp_path: Path, backbone: str, shape: RasterShape, kind: type
 ) -> None:
-    from litsim_research.policies.simnet_network import SimNet, ending, save
+    from litsim_research.imitation.simnet_network import SimNet, ending, save
 
     torch.manual_seed(0)
     trained = SimNet(backbone).eval()  # type: ignore[arg-type]

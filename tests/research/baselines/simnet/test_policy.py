@@ -13,7 +13,7 @@ from litsim_research.baselines.simnet.raster import CHANNELS, FRAMES, OTHERS, OW
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller, ControlSource
 from litsim_sim.core.takeover import TakeoverTable
-from takeovers import takeovers_in_region
+from made_agents import takeovers_in_region
 
 SPEED, GAP = 10.0, 15.0
 

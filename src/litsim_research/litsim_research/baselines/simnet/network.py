@@ -45,7 +45,7 @@ class SimnetNetwork(Protocol):
 class SmallNetwork:
     """Four convolutions and two linear layers, all but the last rectified.
 
-    Weights are arrays as :func:`litsim_research.policies.simnet_network.save` writes them.
+    Weights are arrays as :func:`litsim_research.imitation.simnet_network.save` writes them.
     """
 
     shape = SMALL

@@ -1,0 +1,1 @@
+"""The measures of a run, one module a family, and what several of them need."""

@@ -1,0 +1,213 @@
+"""Collisions by fault: which agent is at fault, and whether a careful driver in place of either had avoided it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from litsim_eval.analysis.measure import (
+    HIGHER,
+    KNOWN_OF_EGO,
+    LOWER,
+    MEAN,
+    MEAN_CONTROLLED,
+    Better,
+    Count,
+    Listed,
+    Measure,
+    Metrics,
+    Row,
+    Share,
+    Table,
+    Truth,
+    family,
+    moments_of,
+    share_of,
+)
+from litsim_eval.analysis.measures.careful_driver import CarefulDriver, careful_driver
+from litsim_eval.analysis.measures.collision import Collisions, EgoContact, collisions
+from litsim_sim.core.scene import STEP_S, Kind
+from litsim_sim.record.lanes import lane_map_of
+from litsim_sim.record.run import Run
+
+
+@dataclass(frozen=True)
+class ContactVerdict:
+    """One contact of the ego, with the verdicts of the careful driver in place of the ego and of the other agent.
+
+    Attributes:
+        contact: the contact, with nuPlan's attribution.
+        in_log: whether the log contains it too; then no agent of the run is at fault.
+        own: verdict on the driver in place of the ego.
+        other: verdict on the driver in place of the other agent; None if that is a pedestrian or a cyclist.
+    """
+
+    contact: EgoContact
+    in_log: bool
+    own: CarefulDriver
+    other: CarefulDriver | None
+
+
+def contact_verdicts(run: Run) -> list[ContactVerdict]:
+    """Returns verdicts on the ego's contacts, in the order of the collisions of `run`."""
+    collided, ego = hits(run), run.info.ego_id
+    return [
+        ContactVerdict(
+            contact,
+            (min(ego, contact.agent), max(ego, contact.agent)) not in collided.excess,
+            _driver(run, ego, contact.agent, contact.step),
+            None if _walks(run, contact) else _driver(run, contact.agent, ego, contact.step),
+        )
+        for contact in collided.ego
+    ]
+
+
+def hits(run: Run) -> Collisions:
+    """Returns the collisions of a run."""
+    return run.once(collisions)
+
+
+def new_contacts(run: Run) -> list[ContactVerdict]:
+    """Returns the verdicts on contacts of the ego that the log has not."""
+    return [each for each in run.once(contact_verdicts) if not each.in_log]
+
+
+def count_faults(run: Run) -> dict[str, int]:
+    """Counts pairs of agents with contacts that are not in the log, by fault.
+
+    A contact between two background agents is always the fault of the background. A contact at the fault of the ego is
+    avoidable if the careful driver in place of the other agent would have avoided it.
+    """
+    among = sum(run.info.ego_id not in pair for pair in hits(run).excess)
+    new = new_contacts(run)
+    ego = [each for each in new if each.contact.ego_at_fault]
+    avoidable = sum(each.other is not None and each.other.avoided for each in ego)
+    return {
+        "background": among + len(new) - len(ego),
+        "ego_avoidable": avoidable,
+        "ego_unavoidable": len(ego) - avoidable,
+    }
+
+
+def _driver(run: Run, driver: int, agent: int, step: int) -> CarefulDriver:
+    return careful_driver(run.simulated, driver, agent, step, run.info.dt, lane_map_of(run))
+
+
+def _walks(run: Run, contact: EgoContact) -> bool:
+    table = run.steps[int(run.steps.step.searchsorted(contact.step))]
+    return bool(table.obstacle[table.row(contact.agent)])
+
+
+def at_fault(metrics: Metrics) -> Iterator[Mapping[str, Any]]:
+    """Yields the contacts at the ego's fault that the log has not."""
+    yield from (each for each in metrics["collision"]["ego_contacts"] if each["ego_at_fault"] and not each["in_log"])
+
+
+def _contacts_at_fault(_: Any, __: str, metrics: Metrics) -> str:
+    texts = [
+        f"{each['agent']} at {STEP_S * each['step']:.1f} s ({each['verdict'].replace('_', ' ')}, "
+        f"{each['delta_v_mps']:.1f} m/s)"
+        for each in at_fault(metrics)
+    ]
+    return f"contact at the ego's fault with {' and '.join(texts)}" if texts else ""
+
+
+def _by_kind(run: Run) -> dict[str, int]:
+    """Returns the number of pairs with a contact of an agent of each kind."""
+    kinds = {
+        agent: int(own.stacked.kind[own.track(agent)[-1]])
+        for group, own in run.simulated.groups(hits(run).colliding)
+        for agent in group
+    }
+    touching = [{kinds[agent] for agent in pair} for pair in hits(run).first]
+    return {kind.name.lower(): sum(int(kind) in pair for pair in touching) for kind in Kind}
+
+
+def _all_contacts(run: Run) -> list[dict[str, Any]]:
+    return [
+        {"pair": list(each.pair), "step": each.first, "last_step": each.last, "in_log": in_log}
+        for each, in_log in zip(hits(run).contacts, hits(run).in_log, strict=True)
+    ]
+
+
+def _ego_contacts(run: Run) -> list[dict[str, Any]]:
+    return [
+        {
+            "agent": each.contact.agent,
+            "step": each.contact.step,
+            "in_log": each.in_log,
+            "verdict": each.contact.verdict.value,
+            "ego_at_fault": each.contact.ego_at_fault,
+            "delta_v_mps": each.contact.delta_v,
+        }
+        for each in run.once(contact_verdicts)
+    ]
+
+
+def _rate(which: str, of: str) -> Callable[[Run], float | None]:
+    """Returns the function of the share of some agents that others are, by names of :class:`Collisions`."""
+
+    def value(run: Run) -> float | None:
+        whole = getattr(hits(run), of)
+        return share_of(len(getattr(hits(run), which) & whole), len(whole))
+
+    return value
+
+
+def _of_fault(name: str, title: str, row: str, better: Better = LOWER) -> Measure:
+    """Returns the measure of one of :func:`count_faults`."""
+    value, path = (lambda run: run.once(count_faults)[name]), f"collision.by_fault.{name}"
+    return Count(path, value, title, better=better, rows=(Row(row),))
+
+
+COLLIDING, EXCESS = (Row("colliding_agents"),), (Row("excess_pairs", table=Table.NONE),)
+REACTIVE = (
+    Row("colliding_runs", title="colliding runs", figure=lambda run: not run["reactive"], better=LOWER),
+    Row(share=True, of_all=True),
+)
+MEASURES = family(
+    "agents and pairs whose boxes overlap; a pair counts once",
+    Count("collision.agents", lambda run: len(hits(run).colliding), "colliding agents", "", LOWER, rows=COLLIDING),
+    Count("collision.pairs", lambda run: len(hits(run).first), better=LOWER),
+    "colliding agents over all agents; over those ever under control ([formulas](#as-in-the-papers-table))",
+    Share("collision.rate_all", _rate("colliding", "agents"), "collision rate, all", "", LOWER, rows=MEAN),
+    Share(
+        *("collision.rate_controlled", _rate("colliding", "controlled"), "collision rate, controlled", "", LOWER),
+        rows=MEAN_CONTROLLED,
+    ),
+    "the same without the contacts that are also in the log",
+    Count("collision.excess_agents", lambda run: len(hits(run).colliding_beyond_log), better=LOWER),
+    Share("collision.excess_rate_all", _rate("colliding_beyond_log", "agents"), better=LOWER),
+    Share("collision.excess_rate_controlled", _rate("colliding_beyond_log", "controlled"), better=LOWER),
+    "agents with whom the ego has a contact that is not in the log, by nuPlan's attribution: front, stopped track, and "
+    "lateral outside one lane are the ego's fault; stopped ego and rear are not",
+    Count(
+        "collision.ego_at_fault",
+        lambda run: sum(each.contact.ego_at_fault for each in new_contacts(run)),
+        *("contacts at the ego's fault", "", LOWER),
+        rows=KNOWN_OF_EGO,
+        sentence=_contacts_at_fault,
+        moments=moments_of(at_fault),
+    ),
+    Count(
+        "collision.background_at_fault", lambda run: sum(not each.contact.ego_at_fault for each in new_contacts(run))
+    ),
+    "contacts that are not in the log, [by who could have avoided them](#contacts-by-fault)",
+    _of_fault("background", "contacts, background's fault", "background_faults"),
+    _of_fault("ego_avoidable", "ego's fault, other could avoid", "ego_faults_avoidable"),
+    _of_fault("ego_unavoidable", "ego's fault, other could not", "ego_faults_unavoidable", better=Better.NEITHER),
+    "pairs that overlap in the log itself; pairs of the run with a contact that is not in the log",
+    Count("collision.log_floor", lambda run: len(hits(run).log), "pairs in the log"),
+    Count("collision.excess", lambda run: len(hits(run).excess), "pairs not in the log", "", LOWER, rows=EXCESS),
+    "number of these pairs with an agent of each kind. Contacts among pedestrians and cyclists are never counted",
+    Count("collision.by_kind", _by_kind, keys=tuple(kind.name.lower() for kind in Kind)),
+    "each [contact](#contacts) with its first and last step, and whether it is also in the log (`in_log`)",
+    Listed("collision.contacts", _all_contacts),
+    "for each agent that the ego touched, the first contact that is not in the log, else the first (`in_log`), with "
+    "step, verdict and delta-v of the ego (equal masses)",
+    Listed("collision.ego_contacts", _ego_contacts, "contacts of the ego", "", LOWER, rows=(Row(table=Table.EGO),)),
+    "no contact that is not in the log; no contact at all",
+    Truth("reactive", lambda run: not hits(run).excess, "no new contacts", "", HIGHER, rows=REACTIVE),
+    Truth("collision_free", lambda run: not hits(run).first, better=HIGHER),
+)

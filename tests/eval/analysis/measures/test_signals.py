@@ -1,0 +1,75 @@
+"""Red lights that are run: by whom, where, and what the recording did there."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_eval.analysis.measures.signals import passages
+from litsim_eval.analysis.metrics import compute_metrics
+from litsim_sim.core.scene import OBSTACLE_KINDS, AgentTable, Controller
+from litsim_sim.core.signals import SignalState
+from litsim_sim.lane_map.signal_links import read_links
+from litsim_sim.scenario.scenario import packaged
+from litsim_sim.scenario.signals import Signals
+
+NET = packaged("nets/urban_like.net.xml")
+STEPS = 41
+LINE = -114.6
+GREEN_FROM = 21
+
+Table = Callable[..., AgentTable]
+
+
+@pytest.fixture(scope="module")
+def signals() -> Signals:
+    """Traffic from the west has red until it has green at step GREEN_FROM; of the others nothing is known."""
+    links = read_links(NET)
+    group = np.array([0 if link.from_lane.startswith("WA") else 1 for link in links])
+    states = np.full((2, STEPS), int(SignalState.UNAVAILABLE), np.uint8)
+    states[0, :GREEN_FROM], states[0, GREEN_FROM:] = int(SignalState.RED), int(SignalState.GREEN)
+    return Signals(("east", "rest"), links, group, states)
+
+
+def tables(build: Table, **by_agent: Any) -> list[AgentTable]:
+    """Two cars on WA_1 at 10 m/s: 1 has its front 5 m before the line at step 0, 2 has 25 m."""
+    first, second = (
+        {"id": 1, "y": -4.95, **by_agent.get("first", {})},
+        {"id": 2, "y": -4.95, **by_agent.get("second", {})},
+    )
+    return [
+        build(k, first | {"x": LINE - 2.25 - 5.0 + k}, second | {"x": LINE - 2.25 - 25.0 + k}) for k in range(STEPS)
+    ]
+
+
+def test_who_passes_at_what(agent_table: Table, signals: Signals) -> None:
+    drivers = {"first": {"controller": Controller.EGO}, "second": {"controller": Controller.POLICY}}
+    at_red, at_green = passages(signals, tables(agent_table, **drivers))
+    assert (at_red.agent, at_red.step, at_red.state, at_red.at_red) == (1, 6, SignalState.RED, True)
+    assert (at_red.connection, at_red.group, at_red.controller) == ("WA_1 -> AB_1", "east", Controller.EGO)
+    assert (at_green.agent, at_green.step, at_green.at_red) == (2, 26, False)
+    assert passages(signals, []) == []
+
+
+def test_lights_of_lanes_are_not_for_pedestrians_and_cyclists(agent_table: Table, signals: Signals) -> None:
+    for kind in OBSTACLE_KINDS:
+        found = passages(signals, tables(agent_table, first={"kind": kind}))
+        assert [passage.agent for passage in found] == [2]
+
+
+def test_metrics_count_by_driver_and_know_the_log(agent_table: Table, make_run: Any, signals: Signals) -> None:
+    run = tables(agent_table, first={"controller": Controller.EGO}, second={"controller": Controller.POLICY})
+    late = [table.take(np.array([1])) for table in run]
+    metrics = compute_metrics(make_run(run, late, signals=signals, net_xml=NET.read_bytes(), history_steps=2))
+    found = metrics["signals"]
+    assert (found["passed"], found["red_ego"], found["red_controlled"], found["red_log"]) == (2, 1, 0, 0)
+    assert found["reds"] == [{"agent": 1, "step": 6, "connection": "WA_1 -> AB_1", "group": "east", "by": "ego"}]
+    assert compute_metrics(make_run(run, late, net_xml=NET.read_bytes(), history_steps=2))["signals"] is None
+
+
+def test_what_is_passed_in_the_history_is_not_of_the_run(agent_table: Table, make_run: Any, signals: Signals) -> None:
+    run = tables(agent_table)
+    for history, passed in ((5, 2), (6, 1)):  # the first passes at step 6
+        metrics = compute_metrics(make_run(run, run, signals=signals, net_xml=NET.read_bytes(), history_steps=history))
+        assert metrics["signals"]["passed"] == passed

@@ -1,0 +1,135 @@
+"""Training of SimNet: it learns, it goes on where it stopped, and its weights drive."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+import yaml
+
+from litsim_research.baselines.simnet.network import load_network
+from litsim_research.imitation import simnet_train
+from litsim_research.imitation.simnet_train import SimnetConfig
+from litsim_research.policies.checkpoint import CURVES, HISTORY
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import read_yaml
+
+
+@pytest.fixture(scope="module")
+def file(make_scenario: Any, track: Any, lane_centres: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A configuration that takes a second: two lanes, the left one faster."""
+    tracks = [
+        track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane], speed=15.0 - 10.0 * lane, last=45)
+        for lane in range(2)
+        for k in range(3)
+    ]
+    folder = tmp_path_factory.mktemp("simnet")
+    for name in ("scenario", "validation"):
+        (folder / f"{name}.yaml").write_text(make_scenario(*tracks).to_yaml())
+    values = {
+        "batches": 15,
+        "moments": 4,
+        "agents": 4,
+        "validate_every": 5,
+        "validation_moments": 8,
+        "data": {"scenarios": [str(folder / "scenario.yaml")], "validation": [str(folder / "validation.yaml")]},
+    }
+    (folder / "config.yaml").write_text(yaml.safe_dump(values))
+    return folder / "config.yaml"
+
+
+def test_it_learns_and_a_run_that_is_resumed_ends_where_a_whole_one_does(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = read_yaml(file, SimnetConfig)
+    whole = simnet_train.run(config, tmp_path / "whole", progress=False)
+    losses = [entry["validation"] for entry in whole.history]
+    assert [entry["batches"] for entry in whole.history] == [5, 10, 15]
+    assert losses[-1] < losses[0]
+
+    written = simnet_train.SimnetTraining.write
+
+    def interrupted(training: simnet_train.SimnetTraining, out: Path) -> None:
+        written(training, out)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(simnet_train.SimnetTraining, "write", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        simnet_train.run(config, tmp_path / "parts", progress=False)
+    monkeypatch.undo()
+    resumed = simnet_train.run(config, tmp_path / "parts", resume=True, progress=False)
+    pairs = zip(whole.network.state_dict().values(), resumed.network.state_dict().values(), strict=True)
+    assert all(torch.equal(a, b) for a, b in pairs)
+    drop = lambda entries: [{k: v for k, v in e.items() if k != "seconds"} for e in entries]  # noqa: E731
+    history = json.loads((tmp_path / "parts" / HISTORY).read_text())
+    assert drop(history) == drop(whole.history)
+    assert (tmp_path / "parts" / CURVES).read_bytes().startswith(b"\x89PNG")
+    assert load_network(resumed.weights(tmp_path / "parts"))
+    more = simnet_train.run(config.model_copy(update={"batches": 20}), tmp_path / "parts", resume=True, progress=False)
+    assert [entry["batches"] for entry in more.history] == [5, 10, 15, 20]
+
+
+def test_the_papers_backbone_is_trained_and_drives(file: Path, tmp_path: Path) -> None:
+    values = {"backbone": "resnet50", "batches": 1, "moments": 1, "agents": 2, "validation_moments": 1}
+    config = read_yaml(file, SimnetConfig).model_copy(update=values)
+    training = simnet_train.run(config, tmp_path, progress=False)
+    parameters = sum(each.numel() for each in training.network.backbone.parameters())
+    assert parameters == 23_622_564  # of ResNet-50 with 16 channels in and 36 numbers out
+    assert load_network(tmp_path / "best.onnx").shape.rows == 224
+
+
+def test_a_training_that_diverges_ends(file: Path, tmp_path: Path) -> None:
+    config = read_yaml(file, SimnetConfig).model_copy(update={"learning_rate": 1e30})
+    with pytest.raises(InputError, match=r"field learning_rate is 1e\+30, .*expected a smaller one"):
+        simnet_train.run(config, tmp_path, progress=False)
+
+
+def test_the_program(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = yaml.safe_load(file.read_text()) | {"batches": 2}
+    (tmp_path / "short.yaml").write_text(yaml.safe_dump(values))
+    words = ["train_simnet", "--config", str(tmp_path / "short.yaml"), "--out", str(tmp_path / "out")]
+    monkeypatch.setattr(sys, "argv", words)
+    simnet_train.main()
+    said = capsys.readouterr().out
+    assert said.startswith("best validation loss ") and str(tmp_path / "out" / "best.safetensors") in said
+    monkeypatch.setattr(sys, "argv", [*words, "--device", "abacus"])
+    with pytest.raises(SystemExit) as ended:
+        simnet_train.main()
+    assert ended.value.code == 2 and "--device abacus: " in capsys.readouterr().err
+    monkeypatch.setattr(sys, "argv", [*words, "--resume"])
+    values |= {"learning_rate": 0.5}
+    (tmp_path / "short.yaml").write_text(yaml.safe_dump(values))
+    with pytest.raises(SystemExit) as ended:
+        simnet_train.main()
+    assert ended.value.code == 2
+    assert "fields learning_rate of the configuration differ" in capsys.readouterr().err
+
+
+def test_a_training_is_not_resumed_on_other_data(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = yaml.safe_load(file.read_text()) | {"batches": 1}
+    scenario = yaml.safe_load(Path(values["data"]["scenarios"][0]).read_text())
+    values["data"]["scenarios"] = [str(tmp_path / "scenario.yaml")]
+    (tmp_path / "short.yaml").write_text(yaml.safe_dump(values))
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario))
+    words = ["train_simnet", "--config", str(tmp_path / "short.yaml"), "--out", str(tmp_path / "out")]
+    monkeypatch.setattr(sys, "argv", words)
+    simnet_train.main()
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario | {"seed": 3}))
+    monkeypatch.setattr(sys, "argv", [*words, "--resume"])
+    with pytest.raises(SystemExit) as ended:
+        simnet_train.main()
+    assert ended.value.code == 2
+    assert "trained on another scenario made: its field seed is 3, expected 0" in capsys.readouterr().err
+
+
+def test_configurations_that_are_wrong(tmp_path: Path) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text("backbone: resnet18\ndata: {}\n")
+    with pytest.raises(InputError, match=r"field backbone: .*'small' or 'resnet50'"):
+        read_yaml(path, SimnetConfig)
