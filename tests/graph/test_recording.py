@@ -127,13 +127,6 @@ def test_killed_recorder_is_named_and_leaves_whole_chunks(graph: Any) -> None:
     assert 9 <= last < run.info.total_steps
     assert [table.step for table in run.tables] == list(range(last + 1))
     assert set(run.controls) == set(run.ego_commands) == set(range(last + 1))
-    done = graph.finish(graph.start_node("litsim_sim", "replay", bag, "--repair", "--out", graph.folder / "whole"))
-    assert done.returncode == 0, done.stderr
-    whole = read_run(graph.folder / "whole")
-    assert whole.complete
-    assert [table.step for table in whole.tables] == list(range(last + 1))
-    with AnyReader([graph.folder / "whole"]) as reader:
-        assert {connection.topic for connection in reader.connections} >= set(run.info.topics)
 
 
 def test_a_gap_fails_the_run(graph: Any) -> None:

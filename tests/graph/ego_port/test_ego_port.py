@@ -13,7 +13,6 @@ from rclpy.serialization import deserialize_message
 from litsim_eval.runs.recorded_run import open_record
 from litsim_eval.runs.rerun import resimulate
 from litsim_sim.record.bag import BagReader
-from litsim_sim.record.repair import repair
 from litsim_sim.record.run import Run, read_run
 
 WARN = b"\x01"
@@ -70,9 +69,6 @@ def test_it_is_driven_recorded_and_run_again(graph: Any) -> None:
         assert record.scenario.vehicle.delay_s == 0.1
         again = resimulate(record)
     assert (again.steps, again.computed) == (36, again.recorded)
-    mended = repair(bag, graph.folder / "mended")
-    assert mended.lost == []
-    assert mended.messages == count
 
 
 def test_what_is_not_asked_for_is_counted_and_changes_nothing(graph: Any) -> None:

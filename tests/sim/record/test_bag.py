@@ -158,7 +158,7 @@ def test_damaged_chunk_is_named_and_nothing_is_read(tmp_path: Path) -> None:
     middle = second.chunk_start_offset + second.chunk_length // 2
     data[middle : middle + 8] = b"\xff" * 8
     path.write_bytes(data)
-    with pytest.raises(InputError, match=r"run_0\.mcap: damaged at byte \d+: .*replay --repair keeps"):
+    with pytest.raises(InputError, match=r"run_0\.mcap: damaged at byte \d+: "):
         BagReader(path)
     path.write_bytes(data[: second.chunk_start_offset + second.chunk_length + 1])  # no checksum of the whole any more
     with pytest.raises(InputError, match=rf"damaged at byte {second.chunk_start_offset}: a chunk that is not what was"):

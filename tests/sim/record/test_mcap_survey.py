@@ -1,6 +1,5 @@
 """Records that are damaged anywhere: the same measures, or one line that names the file, and never other figures."""
 
-import json
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -9,12 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from damage import CUT, FLIP, REFUSED, SAME, SHORTER, WAYS, Counts, Measured, damage_record, damages, outcomes
-from litsim_sim.core.errors import InputError
+from damage import CUT, FLIP, REFUSED, SHORTER, WAYS, Counts, damage_record, damages, outcomes
 from litsim_sim.core.scene import Controller, ControlTable, EgoCommand
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.player import messages_of, offered_qos, selected
-from litsim_sim.record.repair import repair
 
 Make = Callable[..., Any]
 STEPS = 24
@@ -77,32 +74,3 @@ def test_what_lies_beside_a_record_changes_nothing(record: Path) -> None:
     for _, damaged in damages(data, 50, 0):
         beside.write_bytes(damaged)
         assert [(m.topic, m.data) for m in BagReader(record.parent).messages()] == before
-
-
-def test_what_repair_makes_of_a_damaged_record_gives_the_same_measures_or_is_not_valid(record: Path) -> None:
-    whole, seen = Measured(record), set()
-    for number, (way, data) in enumerate(damages(record.read_bytes(), 10, 5)):
-        record.write_bytes(data)
-        try:
-            repair(record, record.parent / str(number))
-            again = Measured(record.parent / str(number))
-        except InputError:
-            seen.add(REFUSED)
-            continue
-        same = json.loads(again.metrics) == json.loads(whole.metrics)
-        seen.add(SAME if same else SHORTER)
-        assert same or not json.loads(again.metrics)["valid"], way
-    assert SAME in seen
-    assert SHORTER in seen
-
-
-def test_an_attachment_that_repair_had_to_leave_out_makes_the_run_not_valid(record: Path) -> None:
-    data = bytearray(record.read_bytes())
-    data[data.index(b"start_frame:") + 13] ^= 1  # another number, and well-formed
-    record.write_bytes(data)
-    with pytest.raises(InputError, match=r"run_0\.mcap: damaged at byte \d+: an attachment is not what was written"):
-        BagReader(record)
-    done = repair(record, record.parent / "again")
-    assert done.lost == ["a damaged attachment scenario.yaml"]
-    said = json.loads(Measured(record.parent / "again").metrics)
-    assert (said["valid"], said["why"]) == (False, "the recording was damaged and repaired, without scenario.yaml")

@@ -1,4 +1,4 @@
-"""Playing bags by a clock of the test's own, and the words that the command takes."""
+"""Playing bags by a clock of the test's own."""
 
 from dataclasses import replace
 from math import inf
@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from command_line import refusal
 from litsim_sim.cli import replay as command
 from litsim_sim.core.errors import InputError
-from litsim_sim.nodes.keyboard import split_keys
 from litsim_sim.record.bag import BagMessage, BagReader, BagTopic, BagWriter, qos_yaml
 from litsim_sim.record.player import CLOCK, Player, is_latched, messages_of, offered_qos, selected
 
@@ -61,22 +61,10 @@ def test_rate_scales_time(rate: float) -> None:
     assert steps_of(playing.take(1.001 / rate)) == list(range(1, 11))
 
 
-def test_a_change_of_rate_keeps_the_position() -> None:
-    playing = player()
-    playing.take(0.0)
-    playing.set_rate(2.0, 0.5)
-    assert playing.position_s(0.5) == pytest.approx(0.5)
-    assert playing.position_s(0.75) == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize("rate", [0.0, -1.0, inf, float("nan"), 1000.0])
 def test_rates_that_cannot_be_played_are_refused(rate: float) -> None:
     with pytest.raises(InputError, match="rate is"):
         player(rate=rate)
-    playing = player()
-    with pytest.raises(InputError, match="rate is"):
-        playing.set_rate(rate, 0.0)
-    assert playing.rate == 1.0
 
 
 def test_the_end_is_the_end() -> None:
@@ -88,7 +76,7 @@ def test_the_end_is_the_end() -> None:
     assert playing.finished and playing.wait_s(9.0) == 0.0
 
 
-# Pause and steps
+# Pause
 
 
 def test_while_paused_nothing_comes_and_no_time_passes() -> None:
@@ -100,45 +88,6 @@ def test_while_paused_nothing_comes_and_no_time_passes() -> None:
     assert playing.position_s(99.0) == pytest.approx(0.25)
     playing.pause(paused=False, now=100.0)
     assert steps_of(playing.take(100.051)) == [1, 2, 3]
-
-
-def test_a_step_is_all_messages_of_one_time() -> None:
-    playing = player(paused=True)
-    for step in range(3):
-        playing.step(float(step))
-        assert playing.wait_s(float(step)) == 0.0
-        taken = playing.take(float(step))
-        assert [m.topic for m in taken] == ["/clock", "/a", *(["/map"] if step == 0 else [])]
-        assert steps_of(taken) == [step]
-    assert playing.paused
-
-
-def test_a_step_while_playing_pauses() -> None:
-    playing = player()
-    playing.take(0.0)
-    playing.step(0.05)
-    assert playing.paused and steps_of(playing.take(7.0)) == [1]
-
-
-def test_steps_go_back_too_but_not_beyond_the_start() -> None:
-    playing = player(paused=True)
-    for _ in range(3):
-        playing.step(0.0)
-    playing.take(0.0)
-    seen = []
-    for _ in range(4):
-        playing.step_back(0.0)
-        seen += steps_of(playing.take(0.0))
-    assert seen == [1, 0, 0, 0]
-
-
-def test_after_the_last_step_there_is_none() -> None:
-    playing = player(2, paused=True)
-    for _ in range(3):
-        playing.step(0.0)
-    assert steps_of(playing.take(0.0)) == [0, 1]
-    assert playing.wait_s(0.0) == inf
-    assert not playing.finished  # somebody is still looking
 
 
 # Seek and loop
@@ -187,12 +136,10 @@ def test_a_bag_in_time_since_1970_is_played_as_any_other() -> None:
     """There, a float of nanoseconds is off by up to 128: steps were not found."""
     for begin_ns in range(1_700_000_000_123_456_700, 1_700_000_000_123_456_900, 7):
         playing = player(begin_ns=begin_ns, paused=True)
-        for step in range(3):
-            playing.step(0.0)
+        for step in (0, 1, 2, 12):
+            playing.seek(step / 10, 0.0)
             assert steps_of(playing.take(0.0)) == [step]
-        playing.seek(1.2, 0.0)
-        assert steps_of(playing.take(0.0)) == [12]
-        assert playing.position_s(0.0) == pytest.approx(1.2, abs=1e-9)
+            assert playing.position_s(0.0) == pytest.approx(step / 10, abs=1e-9)
 
 
 def test_start_is_a_seek_and_must_lie_within() -> None:
@@ -269,20 +216,9 @@ def test_qos_is_read_by_name_and_by_the_numbers_of_old_bags(tmp_path: Path) -> N
             offered_qos(BagTopic("/o", "t/msg/T", "", text))
 
 
-def test_keys_of_a_terminal() -> None:
-    assert split_keys(" s\x1b[C\x1b[D\x1b[Aq+") == [" ", "s", "right", "left", "q", "+"]
-
-
 # The command
 
 
-def refused(*words: object) -> int:
-    with pytest.raises(SystemExit) as ended:
-        command.main([str(word) for word in words])
-    return int(ended.value.code)
-
-
-def test_words_that_do_not_go_together(tmp_path: Path, capsys) -> None:
-    assert refused(tmp_path, "--repair") == 2
-    assert refused(tmp_path, "--delay", "-1") == 2
-    assert "argument --delay: '-1', expected a number of at least 0" in capsys.readouterr().err
+def test_delays_are_not_negative(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = refusal(capsys, command.main, tmp_path, "--delay", "-1")
+    assert "argument --delay: '-1', expected a number of at least 0" in said

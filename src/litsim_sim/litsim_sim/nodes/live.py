@@ -26,7 +26,7 @@ from litsim_sim.ros import cdr
 from litsim_sim.ros.definitions import definition, type_name
 from litsim_sim.ros.endpoints import Endpoints
 from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, handing_back
-from litsim_sim.ros.parameters import check_set, undeclare_set
+from litsim_sim.ros.parameters import refuse_parameters
 from litsim_sim.ros.process import process, serve
 from litsim_sim.ros.topics import (
     AGENTS,
@@ -55,7 +55,7 @@ class LiveNode(Node):
 
     def __init__(self, server: LiveServer | None = None) -> None:
         super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
-        check_set(self, undeclare_set(self))  # it has no parameters
+        refuse_parameters(self)
         self._server = server
         self._agents, self._forecasts, self._conflicts = AgentLayer(), ForecastLayer(), ConflictLayer()
         self._newest: dict[Topic, bytes] = {}

@@ -1,1 +1,1 @@
-"""Recordings of runs: bags, written, read as arrays, repaired and played; and digests."""
+"""Recordings of runs: bags, written, read as arrays and played; and digests."""

@@ -35,8 +35,6 @@ from litsim_sim.core.errors import InputError
 DAMAGE = (McapError, ZstdError, struct.error, ValueError, EOFError, IndexError, KeyError, MemoryError, OverflowError)
 """Exceptions that the mcap library raises for missing or wrong bytes."""
 
-REPAIR_HINT = "; replay --repair keeps what can still be read"
-
 _HEAD = struct.Struct("<BQ")  # of every record: opcode, bytes that follow
 _CRC = struct.Struct("<I")
 _FOOTER = struct.Struct("<QQI")  # begin of the summary, begin of its offsets, checksum
@@ -129,7 +127,7 @@ def records_of(chunk: Chunk, path: Path) -> list[McapRecord]:
 
 def damage_at(path: Path, at: int, what: str) -> InputError:
     """Returns an error about the place at which `path` is damaged."""
-    return InputError(f"{path}: damaged at byte {at}: {what}{REPAIR_HINT}")
+    return InputError(f"{path}: damaged at byte {at}: {what}")
 
 
 def attachment_is_whole(content: bytes) -> bool:

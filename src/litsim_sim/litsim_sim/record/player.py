@@ -1,4 +1,4 @@
-"""Playing a bag: the schedule of its messages, at any rate, with pauses, steps and seeks. Without ROS.
+"""Playing a bag: the schedule of its messages, at any rate, with pauses and seeks. Without ROS.
 
 There are two clocks: simulation time is that of the bag, in nanoseconds; wall time is passed by the caller as `now`, in
 seconds of a monotonic clock.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterable, Sequence
-from math import inf, isfinite
+from math import inf
 from typing import Any
 
 from litsim_sim.core import topic_names
@@ -30,9 +30,9 @@ _OLD_NAMES: dict[str, dict[Any, str]] = {
 class Player:
     """Determines which messages are to be published at any time.
 
-    Messages of one log time belong to one step of the simulation; single steps and seeks never split it. No message is
-    skipped: those that became due between two calls are returned by the next. After a seek, latched topics first repeat
-    their last message before the new position.
+    Messages of one log time belong to one step of the simulation; seeks never split it. No message is skipped: those
+    that became due between two calls are returned by the next. After a seek, latched topics first repeat their last
+    message before the new position.
 
     Attributes:
         rate: simulated seconds per second.
@@ -66,7 +66,9 @@ class Player:
         }
         if not 0.0 <= start_s <= self.duration_s:
             raise InputError(f"start is {start_s:g} s, expected 0 to {self.duration_s:g} s")
-        self.rate = checked_rate(rate)
+        if not RATE_MIN <= rate <= RATE_MAX:
+            raise InputError(f"rate is {rate:g}, expected {RATE_MIN:g} to {RATE_MAX:g}")
+        self.rate = rate
         self.loop = loop
         self.paused = paused
         self._next = 0  # index of the message that comes next
@@ -119,29 +121,10 @@ class Player:
         self.paused = paused
         self._since = None if paused else now
 
-    def step(self, now: float) -> None:
-        """Pause, and make the messages of the next step due."""
-        self.pause(paused=True, now=now)
-        if self._next == len(self._messages) and self.loop:
-            self._next = 0
-        self._show_next()
-
-    def step_back(self, now: float) -> None:
-        """Pause, and show the step before the one shown last."""
-        self.pause(paused=True, now=now)
-        shown = self._times[max(0, self._next - 1)]
-        self._go(self._steps[max(0, bisect_left(self._steps, shown) - 1)])
-
     def seek(self, position_s: float, now: float) -> None:
         """Continue at `position_s` after the first message [s], or at the nearest position; while paused, show it."""
         self._anchor(now)
         self._go(round(min(max(position_s, 0.0), self.duration_s) * SECOND_NS))
-
-    def set_rate(self, rate: float, now: float) -> None:
-        """Play at `rate` from now on; raises as :func:`checked_rate`."""
-        checked = checked_rate(rate)
-        self._anchor(now)
-        self.rate = checked
 
     @property
     def _end(self) -> float:
@@ -161,15 +144,11 @@ class Player:
         """Go to `time_ns` after the first message; whole nanoseconds, or 8.3 s might be later than a step at 8.3 s."""
         self._at, self._next = float(time_ns), bisect_left(self._times, time_ns)
         for topic, indices in self._latched.items():
-            known = bisect_left(indices, self._next) - 1
-            if known >= 0 and self._sent.get(topic) != indices[known]:
-                self._extra.append(self._messages[indices[known]])
-                self._sent[topic] = indices[known]
-        if self.paused:
-            self._show_next()
-
-    def _show_next(self) -> None:
-        if self._next < len(self._times):
+            last = bisect_left(indices, self._next) - 1
+            if last >= 0 and self._sent.get(topic) != indices[last]:
+                self._extra.append(self._messages[indices[last]])
+                self._sent[topic] = indices[last]
+        if self.paused and self._next < len(self._times):
             self._at = float(self._times[self._next])
             self._extra += self._emit(bisect_right(self._times, self._at))
 
@@ -177,17 +156,10 @@ class Player:
         """Returns the messages before index `end` that have not been returned yet."""
         first, self._next = self._next, max(self._next, end)
         for topic, indices in self._latched.items():
-            known = bisect_left(indices, self._next) - 1
-            if known >= 0 and indices[known] >= first:
-                self._sent[topic] = indices[known]
+            last = bisect_left(indices, self._next) - 1
+            if last >= 0 and indices[last] >= first:
+                self._sent[topic] = indices[last]
         return self._messages[first : self._next]
-
-
-def checked_rate(rate: float) -> float:
-    """Returns `rate`; raises InputError if nothing can be played at it."""
-    if not (isfinite(rate) and RATE_MIN <= rate <= RATE_MAX):
-        raise InputError(f"rate is {rate:g}, expected {RATE_MIN:g} to {RATE_MAX:g}")
-    return rate
 
 
 def selected(reader: BagReader, names: Sequence[str] = ()) -> list[BagTopic]:

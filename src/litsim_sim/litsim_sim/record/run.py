@@ -59,7 +59,6 @@ RECORDING_FILE = "recording.parquet"
 SCENARIO_FILE = "scenario.yaml"
 NET_FILE = "net.xml"
 SPOOLED_BYTES, SIZE_BYTES = 2**23, 8  # of messages by step that are in memory, else in a file; of the size of each
-LOST_ATTACHMENTS = "lost_attachments"  # key in the metadata of a repaired recording: names of lost files
 START_FIELD = "start_frame"  # field of the scenario: frame of the recording at step 0
 
 

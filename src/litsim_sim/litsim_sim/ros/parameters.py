@@ -38,25 +38,13 @@ def read_parameters(node: Node, stage: Callable[[ParameterOverrides], Configurat
     return configuration
 
 
-def undeclare_set(node: Node) -> frozenset[str]:
-    """Undeclare the parameters that the user has set, to be declared with type and default; return their names.
+def refuse_parameters(node: Node) -> None:
+    """Raise InputError if the user has set parameters of `node`, which has none: ROS would silently ignore them.
 
-    The node must be made with ``automatically_declare_parameters_from_overrides``. For nodes whose parameters may
-    change at run time; all others use :func:`read_parameters`.
+    The node must be made with ``automatically_declare_parameters_from_overrides``.
     """
-    names = frozenset(parameters(node))
-    for name in names:
-        node.undeclare_parameter(name)
-    return names
-
-
-def check_set(node: Node, names: frozenset[str]) -> None:
-    """Raise InputError if `node` has not declared some of the parameters `names`, which ROS would ignore."""
-    declared = parameters(node)
-    if unknown := sorted(names - declared.keys()):
-        raise InputError(
-            f"{node.get_name()}: unknown parameter {', '.join(unknown)}; expected {', '.join(declared) or 'none'}"
-        )
+    if unknown := sorted(parameters(node)):
+        raise InputError(f"{node.get_name()}: unknown parameter {', '.join(unknown)}; expected none")
 
 
 def parameters(node: Node) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from litsim_sim.core.scene import ARRAY_FIELDS
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.topic_names import STATUS
 from litsim_sim.ego_port.port import COUNTS
-from litsim_sim.record.run import LOST_ATTACHMENTS, Run, TopicGaps
+from litsim_sim.record.run import Run, TopicGaps
 
 
 @Branch
@@ -59,8 +59,6 @@ def _failures(run: Run) -> list[str]:
 
 def _unusable(run: Run) -> list[str]:
     texts = [] if run.log else ["the bag holds no recording to compare with"]
-    if lost := run.metadata.get(LOST_ATTACHMENTS):
-        texts.append(f"the recording was damaged and repaired, without {lost}")
     bad: list[int] = []
     for part in run.steps.parts():
         table = part.stacked
