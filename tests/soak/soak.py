@@ -26,7 +26,6 @@ import numpy as np
 from tqdm import tqdm
 
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.benchmark.memory import children, resident_mb
 from litsim_eval.benchmark.steps import write_scenario
 from litsim_eval.runs.runner import Runner, record
 from litsim_research.paper.page import fill
@@ -42,6 +41,7 @@ LOOK_S = 0.05  # [s] between two looks at the memory of a run
 LOOKS_MIN = 200  # before which most of a run is its start, and its growth says nothing
 LIMIT_S = 3600.0  # [s] after which a run is ended
 LAUNCHER = "launch"
+NODES = "/lib/litsim_"  # part of the path of every LitSim executable
 ATTEMPTS = 3  # at a run that others spoil
 COMMAND = "make soak"  # between whose marks the page is filled
 ANNOUNCED = re.compile(r"in ROS_DOMAIN_ID (\d+)")
@@ -58,6 +58,30 @@ COLUMNS = (
 )
 SHARED_MEMORY = "/dev/shm/"
 TRACING = "/dev/shm/lttng-ust-wait"  # one file for all that LTTng might trace, which is there for good
+
+
+def children(parent: int) -> dict[str, int]:
+    """Returns ids of the LitSim processes that the process `parent` has started, by the name of their executable."""
+    processes = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (folder / "stat").read_text().rsplit(")", 1)[1].split()
+            words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
+        except OSError:  # it has ended
+            continue
+        program = next((word for word in words if NODES in word), "")
+        if int(fields[1]) == parent and program:
+            processes[Path(program).name] = int(folder.name)
+    return processes
+
+
+def resident_mb(process: int) -> float:
+    """Returns the resident memory of a process [MB]; 0 if it has ended."""
+    try:
+        pages = int((Path("/proc") / str(process) / "statm").read_text().split()[1])
+    except (OSError, IndexError):
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Benchmark of a step: the time of each stage, SUMO, recording and transport, in process and over the graph.
+"""Benchmark of a step: the time of each stage, SUMO, recording and transport, in process and over the graph; the start.
 
 Each repetition measures all of them one after the other, under the same conditions; compare the ratios within a
 repetition.
@@ -11,7 +11,7 @@ import os
 import statistics
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -44,6 +44,7 @@ HISTORY_S = 3.0  # [s] without driven agents
 
 IN_PROCESS, GRAPH, HIGHWAY_ENV = "in process", "graph with recording", "highway-env"
 WITHOUT_SUMO = "in process without SUMO"  # as in `evaluate` and `train`
+FIRST_STEP = "launcher to first step"
 WORLD, SUMO, EGO_STAGE, RECORDING, TRANSPORT = "world", "SUMO", "ego", "recording", "transport and waiting"
 WATCH = "watch over publishers, once a second"
 PARTS = (WORLD, SUMO, *LOOP, EGO_STAGE, RECORDING, WATCH, TRANSPORT)
@@ -178,23 +179,16 @@ def time_graph(scenario_file: Path, bag: Path, options: Sequence[str] = ()) -> S
     Raises:
         InputError: the run failed.
     """
-    launch(scenario_file, bag, *options)
-    return graph_sample(read_run(bag))
-
-
-def launch(scenario_file: Path, bag: Path, *options: str) -> None:
-    """Makes a run over DDS, recorded to `bag`, with further `options` of the launcher.
-
-    Raises:
-        InputError: the run failed.
-    """
     words = ["--quiet", "--overwrite", "--out", str(bag), "--scenario", str(scenario_file)]
+    begin = time.perf_counter()
     execute(find_executable("litsim_sim", "launch"), *words, "--ego", EGO, "--policy", POLICY, *options)
+    run = read_run(bag)
+    return graph_sample(run) | {FIRST_STEP: 1e3 * (run.marks[BRIDGE][0]["shown"] - begin)}
 
 
 def graph_sample(run: Run) -> Sample:
     """Returns times of the steps after the history in a run over DDS, from the recorded marks of bridge and stages."""
-    begins = {step: at["begin"] for step, at in run.marks[BRIDGE].items() if step >= run.info.history_steps}
+    begins = {step: marks["begin"] for step, marks in run.marks[BRIDGE].items() if step >= run.info.history_steps}
     first, last = min(begins), max(begins)
     whole = 1e3 * (begins[last] - begins[first]) / (last - first)
     paths = [path for step in begins if (path := step_path(step, run.marks))]
@@ -203,7 +197,7 @@ def graph_sample(run: Run) -> Sample:
         1e3 * statistics.median(s for step, s in run.timing[stage].items() if step in begins)
         for stage in (BRIDGE, *LOOP)
     )
-    watch = [1e3 * (at["watched"] - at["watch"]) for at in run.marks[BRIDGE].values() if "watched" in at]
+    watch = [1e3 * (marks["watched"] - marks["watch"]) for marks in run.marks[BRIDGE].values() if "watched" in marks]
     return {GRAPH: whole, TRANSPORT: whole - spent, WATCH: statistics.median(watch)} | parts
 
 
@@ -277,22 +271,20 @@ def spread(samples: Sequence[Sample], name: str) -> str:
 
 def table_rows(by_agents: dict[int, list[Sample]]) -> Iterator[list[str]]:
     """Yields rows of the table: name, and figure for each number of agents; a dash if it was not measured."""
-    path = dict.fromkeys(name for each in by_agents.values() for name in each[0] if name.startswith(PATH))
-    for name in (*PARTS, IN_PROCESS, WITHOUT_SUMO, GRAPH, *path, HIGHWAY_ENV, *RATIOS):
+    path = dict.fromkeys(name for samples in by_agents.values() for name in samples[0] if name.startswith(PATH))
+    for name in (*PARTS, IN_PROCESS, WITHOUT_SUMO, GRAPH, *path, FIRST_STEP, HIGHWAY_ENV, *RATIOS):
         if any(name in samples[0] for samples in by_agents.values()):
             cells = (spread(samples, name) if name in samples[0] else "-" for samples in by_agents.values())
             yield [name if name in RATIOS else f"{name}, ms", *cells]
 
 
-def execute(program: Path, *arguments: str, environment: Mapping[str, str] | None = None) -> str:
+def execute(program: Path, *arguments: str) -> str:
     """Runs a program, outside of this process's ROS domain, and returns its standard output.
-
-    `environment` replaces the environment of this process; None keeps it.
 
     Raises:
         InputError: it cannot be run, or fails.
     """
-    own = {key: value for key, value in (environment or os.environ).items() if key != "ROS_DOMAIN_ID"}
+    own = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}
     try:
         ended = subprocess.run([program, *arguments], capture_output=True, text=True, check=False, env=own)
     except OSError as error:
