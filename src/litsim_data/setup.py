@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 
 PACKAGE = ET.parse("package.xml").getroot()
 NAME, MAINTAINER = PACKAGE.findtext("name"), PACKAGE.find("maintainer")
-ENDINGS = ("csv", "j2", "json", "xml")
+ENDINGS = ("csv", "j2", "json", "xml", "yaml")
 """Endings of the files that code opens with importlib.resources."""
 
 setup(
@@ -54,6 +54,7 @@ setup(
             "waymo_json = litsim_data.sources.waymo:WaymoJson",
             "waymo_tfrecord = litsim_data.sources.waymo:WaymoRecord",
             "openscenario = litsim_data.sources.openscenario.source:OpenScenario",
+            "mappings = litsim_data.sources.table:PublishedTable",
             "osi = litsim_data.sources.osi:OpenSimulationInterface",
             "py123d = litsim_data.sources.py123d:Py123d",
             "sumo = litsim_data.sources.sumo:SumoTrajectories",

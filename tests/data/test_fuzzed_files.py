@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import made_intersection
 import made_openscenario as made
+import made_published
 import made_sources
 from litsim_data.maps.lanelet2_osm import read_graph
 from litsim_data.maps.opendrive_roads import Roads
@@ -54,10 +55,15 @@ def made_text(folder: Path, *, portal: bool) -> str:
     return path.read_text()
 
 
+TEXTS: dict[str, Callable[[Path], str]] = {
+    "text": lambda folder: made_text(folder, portal=False),
+    "portal": lambda folder: made_text(folder, portal=True),
+} | {write.__name__: (lambda folder, write=write: write(folder).read_text()) for write in made_published.WRITERS}
+
+
 @pytest.fixture(scope="module")
-def texts(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    folder = tmp_path_factory.mktemp("texts")
-    return [made_text(folder, portal=portal) for portal in (False, True)]
+def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    return {name: made(tmp_path_factory.mktemp("texts")) for name, made in TEXTS.items()}
 
 
 @st.composite
@@ -67,7 +73,7 @@ def spoilt_text(draw: st.DrawFn, text: str) -> bytes:
     for _ in range(draw(st.integers(1, 3))):
         at = draw(st.integers(0, len(lines) - 1))
         way = draw(st.sampled_from(LINE_WAYS))
-        separator = "," if "," in lines[at] else "  "
+        separator = next((mark for mark in ",;" if mark in lines[at]), "  ")
         if way == "word":
             words = lines[at].split(separator)
             words[draw(st.integers(0, len(words) - 1))] = draw(st.sampled_from(WORDS) | st.text(max_size=5))
@@ -102,19 +108,19 @@ def loaded(path: Path) -> Recording | None:
     return None
 
 
-@pytest.mark.parametrize("which", [0, 1], ids=["text", "portal"])
-@settings(max_examples=60)
+@pytest.mark.parametrize("which", TEXTS)
+@settings(max_examples=25, deadline=None)
 @given(data=st.data())
-def test_spoilt_ngsim_files_are_refused_or_sound(
-    texts: list[str], tmp_path_factory: pytest.TempPathFactory, which: int, data: Any
+def test_spoilt_tables_are_refused_or_sound(
+    texts: dict[str, str], tmp_path_factory: pytest.TempPathFactory, which: str, data: Any
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "spoilt.txt"
     path.write_bytes(data.draw(spoilt_text(texts[which])))
     loaded(path)
 
 
-@pytest.mark.parametrize("which", [0, 1], ids=["text", "portal"])
-def test_the_files_are_sound_before(texts: list[str], tmp_path: Path, which: int) -> None:
+@pytest.mark.parametrize("which", TEXTS)
+def test_the_files_are_sound_before(texts: dict[str, str], tmp_path: Path, which: str) -> None:
     path = tmp_path / "whole.txt"
     path.write_text(texts[which])
     recording = loaded(path)

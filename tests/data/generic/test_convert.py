@@ -310,7 +310,7 @@ def test_times_that_no_frame_falls_into(tmp_path: Path) -> None:
     [
         (
             {"reference": "rear"},
-            "reference: Input should be 'front_centre', 'box_centre', 'rear_axle' or 'box_corner', found 'rear'",
+            "reference: Input should be 'front_centre', 'box_centre', 'rear_axle', 'rear_centre' or",
         ),
         ({"colour": 1}, "colour: Extra inputs are not permitted"),
         ({"units": {"position": "yard"}}, "units.position: Input should be 'm', 'ft' or 'cm'"),

@@ -122,10 +122,11 @@ def test_kinds_clips_and_what_is_missing(tmp_path: Path, traffic: Traffic) -> No
     mapping = Mapping.model_validate(yaml.safe_load(text))
     assert mapping.kinds == {"car": "car", "pedestrian/bicycle": "drop", "truck": "truck"}
     assert mapping.clip == 7
-    assert (mapping.columns.length, mapping.columns.width) == (4.6, 1.9)
+    assert mapping.columns.length is mapping.columns.width is None
     assert "not used: note." in text.splitlines()[0]
     assert "the file has no length and width" in text
-    assert set(convert(tmp_path / "case.csv", mapping)[0].table["vehicle_id"]) == {1, 3, 4, 5}
+    sizes = convert(tmp_path / "case.csv", mapping)[0].table.groupby("vehicle_id")[["length", "width"]].first()
+    assert sizes.to_numpy().tolist() == [[4.6, 1.9], [12.0, 2.5], [4.6, 1.9], [4.6, 1.9]]
 
 
 def test_numbers_of_kinds_mean_what_ngsim_means_by_them_in_its_column_alone(tmp_path: Path, traffic: Traffic) -> None:
@@ -243,7 +244,7 @@ def test_a_table_without_places(tmp_path: Path, traffic: Traffic) -> None:
     with pytest.raises(InputError, match=r"no column looks like x, time or frame; the file has \['track_id', 'y'"):
         draft(tmp_path / "case.csv")
     traffic().rename(columns={"x": "lon", "y": "Latitude"}).to_csv(tmp_path / "case.csv", index=False)
-    with pytest.raises(InputError, match=r"like x, y; .*\]; lon and Latitude have to be projected to metres first;"):
+    with pytest.raises(InputError, match=r"columns lon and Latitude are no longitudes and latitudes of one place"):
         draft(tmp_path / "case.csv")
 
 

@@ -118,6 +118,26 @@ def test_signals_of_another_time_are_refused(build: Callable[..., Scenario]) -> 
         build({"groups": GROUPS, "changes": [[3000.0, "east", "green"], [3010.0, "east", "red"]]})
 
 
+def test_a_column_for_each_group(tmp_path: Path, build: Callable[..., Scenario]) -> None:
+    rows = {0.0: ("green", "red"), 3.0: ("amber", "red"), 5.0: ("red", "green")}
+    table = pd.DataFrame(
+        [(1000.0 * t, *states) for t, states in rows.items()], columns=["timestamp(ms)", "east", "left"]
+    )
+    table.to_csv(tmp_path / "lights.csv", index=False)
+    states = {"file": str(tmp_path / "lights.csv"), "begin": "timestamp(ms)", "unit": "ms", "group": ["east", "left"]}
+    changes = [
+        [t, group, state] for t, both in rows.items() for group, state in zip(("east", "left"), both, strict=True)
+    ]
+    of_file, wanted = (
+        build({"groups": GROUPS} | given).signals for given in ({"states": states}, {"changes": changes})
+    )
+    assert of_file is not None and wanted is not None
+    np.testing.assert_array_equal(of_file.states, wanted.states)
+    table.assign(left=["red", None, "green"]).to_csv(tmp_path / "lights.csv", index=False)
+    with pytest.raises(InputError, match=r"lights.csv: line 3: column 'left' is empty"):
+        build({"groups": GROUPS, "states": states})
+
+
 @pytest.mark.parametrize("name", ["states.csv", "states.parquet"])
 def test_a_file_of_changes_with_codes_of_its_own(tmp_path: Path, build: Callable[..., Scenario], name: str) -> None:
     codes = {"green": 1, "red": 0, "amber": 3}

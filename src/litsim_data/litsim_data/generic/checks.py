@@ -15,6 +15,7 @@ import pandas as pd
 from scipy.spatial import KDTree
 
 from litsim_data.generic.mapping import FACTORS, Mapping
+from litsim_data.generic.obstacles import USUAL_SIZES
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import FloatArray, Kind
@@ -247,7 +248,7 @@ def _degrees(table: pd.DataFrame, mapping: Mapping) -> str:
     """Returns a hint for positions that may be longitudes and latitudes, which hardly differ; else empty."""
     if mapping.units.position != "m" or max(np.ptp(table[name].to_numpy()) for name in ("x", "y")) > 1.0:
         return ""
-    return "; or are they degrees? Longitudes and latitudes have to be projected to metres first"
+    return "; or are they degrees? Field origin of the mapping makes metres of longitudes and latitudes"
 
 
 def _across(moves: pd.DataFrame, mapping: Mapping) -> str:
@@ -368,6 +369,7 @@ def _size(table: pd.DataFrame, mapping: Mapping) -> str:
     if wide.empty:
         return ""
     vehicles = wide.groupby("vehicle_id")[["length", "width"]].median()
+    vehicles = vehicles.fillna(dict(zip(vehicles, USUAL_SIZES[Kind.CAR], strict=True)))
     length, width = (float(vehicles[name].median()) for name in ("length", "width"))
     finding = f"half of the vehicles are longer than {length:.3g} m and wider than {width:.3g} m"
     if width > length:

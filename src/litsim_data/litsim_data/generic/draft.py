@@ -27,12 +27,17 @@ from litsim_data.generic.checks import (
     rows_apart,
     steps,
 )
+from litsim_data.generic.geography import projected
+from litsim_data.generic.kinds import NUMBERED, likely_kind
 from litsim_data.generic.mapping import FACTORS, Mapping
+from litsim_data.generic.published import drafted
 from litsim_data.generic.reading import NEEDED, texts
+from litsim_data.generic.si_units import DEGREES_MAX
+from litsim_data.generic.wide import open_tables, repeated_columns
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.io.table_input import TableFiles, is_stamped, since_1970
+from litsim_sim.io.table_input import TableFiles, is_stamped, seconds_of
 
 OF = r"(vehicle|veh|car|object|obj|actor|agent|track|timestep)_?"
 """What many names begin with, in lower case: ``vehicle_x`` of SUMO's trajectories is an x."""
@@ -56,18 +61,6 @@ NAMES: dict[str, str] = {
 }
 """Pattern of a file's column names, in lower case with words joined by underscores or nothing, by our name."""
 
-KINDS: dict[str, str] = {
-    "car": r"car|van|suv|taxi|auto|passenger.*|vehicle|.*\.car",
-    "truck": r"(.*\.)?truck.*|(.*\.)?bus(\..*)?|lorry|(.*\.)?trailer|heavy.*|medium.*",
-    "motorcycle": r"(.*\.)?motor_?(cycl|bik).*|moped|scooter",
-    "drop": r"ped.*|person|human.*|walker.*|(.*\.)?bi?cycl.*|bike.*|cyclist|riderless.*|animal|static.*|movable.*"
-    r"|background|construction|unknown_obstacle",
-}
-"""Pattern of a file's kinds, in lower case, by our name."""
-NUMBERED = {"1": "motorcycle", "2": "car", "3": "truck"}
-"""Our names of NGSIM's numbers, whose column is `v_class`; numbers of other data sets mean something else."""
-
-USUAL_SIZE = {"length": 4.6, "width": 1.9}  # [m] of a passenger car, for files without sizes
 NARROW = 0.45  # [m] width of people, who may be most of those in a file
 FRAMES_APART = 3  # rows between the positions that motion is judged by, where frames have a rate that nobody knows
 HINTS = (
@@ -79,10 +72,11 @@ POSITIONS = ("m", "cm", "ft")
 """Units of positions, the more usual ones first."""
 FEET, METRES = r"(ft|feet)$", r"[_x]m$|utm|east"
 """Pattern of names of a column of positions, in lower case, that tell their unit."""
-GEOGRAPHIC = r"lat(itude)?|lon(gitude)?|lng"
-"""Pattern of column names, in lower case, of positions that no mapping reads."""
+GEOGRAPHIC = {"x": r"lon(gitude)?|lng", "y": r"lat(itude)?"}
+"""Pattern of column names, in lower case, of positions on earth, which are used where there are no others."""
 VALID = r"(is_?)?valid"
 """Pattern of names of a column, in lower case, that says in which rows a vehicle is there."""
+LATITUDE_MAX = 80.0  # [deg] of UTM
 TRUE = ("true", "1")
 """Values, as text, of a column that says so."""
 COMPONENTS = ("speed_x", "speed_y")
@@ -104,18 +98,21 @@ class _Draft:
 
 
 def draft(paths: Path | Sequence[Path]) -> str:
-    """Returns the text of a mapping file for the table at `paths` (CSV or Parquet); guesses are marked by comments.
+    """Returns the text of a mapping file for the table at `paths`; guesses are marked by comments.
 
     Raises:
         InputError: the file cannot be read, or has no columns for id, position and time.
     """
-    source = TableFiles.open(paths)
+    if text := drafted(paths):
+        return text
+    repeated = repeated_columns(paths if isinstance(paths, Path) else paths[0])
+    source = open_tables(paths, repeated)
     columns = _named(source)
     used = set(columns.values())
     raw, valid = _present(source, columns)
     table = pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()})
     if "time" in table and is_stamped(table["time"]):
-        table["time"] = since_1970(table["time"])
+        table["time"] = seconds_of(table["time"])
     for name in sorted(NUMBERS & {*columns}):
         table[name] = _numbers(table[name], raw["row"], columns[name], source)
     empty = _incomplete(table)
@@ -124,23 +121,21 @@ def draft(paths: Path | Sequence[Path]) -> str:
     components = [columns.pop(name) for name in COMPONENTS if name in columns]
     if len(components) == 2 and "speed" not in columns:
         table["speed"] = np.hypot(table["speed_x"], table["speed_y"])
-    mapping = _Draft(name=re.sub(r"\W+", "_", source.files[0].path.stem), source="", licence="", net="")
+    stem = Path(source.name.partition(", ")[0]).stem
+    mapping = _Draft(name=re.sub(r"\W+", "_", stem), source="", licence="", net="")
     mapping.remarks["source"] = "data set, site and period, as in a citation"
     mapping.remarks["net"] = "name of the SUMO net in whose frame the positions are"
-    sizes = {name: size for name, size in USUAL_SIZE.items() if name not in columns}
-    mapping.fields["columns"] = columns | sizes | ({"speed": components} if "speed" in table and components else {})
+    mapping.fields["columns"] = columns | ({"speed": components} if "speed" in table and components else {})
     remarks = [f"{name} has cells without a number, and is not used" for name in held]
-    remarks += [f"the file has no {' and '.join(sizes)}: those of a usual car, in metres"] if sizes else []
+    sizes = [name for name in ("length", "width") if name not in columns]
+    remarks += [f"the file has no {' and '.join(sizes)}: usual ones by kind, unless you give them"] if sizes else []
     mapping.remarks["columns"] = "; ".join(remarks)
+    if repeated:
+        mapping.fields["repeated"] = repeated
+    if re.fullmatch(GEOGRAPHIC["x"], columns["x"].strip().lower()):
+        table = _on_plane(mapping, table)
     mapping.fields["reference"], mapping.remarks["reference"] = _reference(columns)
-    if "clip" in columns and table["clip"].nunique() < 2:
-        del columns["clip"], mapping.fields["columns"]["clip"]
-    if "clip" in columns:
-        clips = texts(table["clip"])
-        first = clips[clips != ""].iloc[0]
-        mapping.fields["clip"] = int(first) if re.fullmatch(r"0|[1-9]\d*", first) else first
-        mapping.remarks["clip"] = f"the first of {table['clip'].nunique()}"
-        table = table[clips == first]
+    table = _of_first_clip(mapping, table)
     clock = "time" if "time" in columns else "frame"
     complete = table.dropna(subset=[name for name in (clock, "x", "y", "yaw", "speed") if name in table])
     complete = complete.sort_values(["vehicle_id", clock])
@@ -155,6 +150,37 @@ def draft(paths: Path | Sequence[Path]) -> str:
     text = _written(mapping, f"Drafted from the columns of {source.name}; not used: {', '.join(unused) or 'none'}.")
     Mapping.model_validate(yaml.safe_load(text))  # else this is wrong, not the user
     return text
+
+
+def _of_first_clip(mapping: _Draft, table: pd.DataFrame) -> pd.DataFrame:
+    """Returns the rows of the first of several clips, which the mapping chooses."""
+    if "clip" not in table:
+        return table
+    clips = texts(table["clip"])
+    if table["clip"].nunique() < 2:
+        del mapping.fields["columns"]["clip"]
+        return table
+    first = clips[clips != ""].iloc[0]
+    mapping.fields["clip"] = int(first) if re.fullmatch(r"0|[1-9]\d*", first) else first
+    mapping.remarks["clip"] = f"the first of {table['clip'].nunique()}"
+    return table[clips == first]
+
+
+def _on_plane(mapping: _Draft, table: pd.DataFrame) -> pd.DataFrame:
+    """Returns a table of longitudes and latitudes with x and y in metres, from an origin amid the vehicles."""
+    middle = [float(table[name].median()) for name in ("y", "x")]
+    spread = max(float(np.ptp(table[name].dropna())) for name in ("y", "x"))
+    if not (abs(middle[0]) <= LATITUDE_MAX and spread <= DEGREES_MAX):
+        names = [mapping.fields["columns"][name] for name in ("x", "y")]
+        raise InputError(
+            f"columns {' and '.join(names)} are no longitudes and latitudes of one place: they are around "
+            f"{middle[1]:g} and {middle[0]:g}, within {spread:g} degrees"
+        )
+    origin = (round(middle[0], 3), round(middle[1], 3))
+    mapping.fields["origin"] = list(origin)
+    mapping.remarks["origin"] = "a guess, amid the vehicles: latitude and longitude of (0, 0), those of the net"
+    x, y = projected(table["y"].to_numpy(), table["x"].to_numpy(), origin)
+    return table.assign(x=x, y=y)
 
 
 def _reference(columns: dict[str, str]) -> tuple[str, str]:
@@ -221,6 +247,10 @@ def _named(source: TableFiles) -> dict[str, str]:
                 break
     if "time" in named:
         named.pop("frame", None)
+    if not {"x", "y"} <= {*named}:
+        for ours, pattern in GEOGRAPHIC.items():
+            degrees = [name for name in source.columns if re.fullmatch(pattern, name.strip().lower())]
+            named |= {ours: degrees[0]} if degrees else {}
     if "speed" in named or not {*COMPONENTS} <= {*named}:
         for name in COMPONENTS:
             named.pop(name, None)
@@ -229,11 +259,9 @@ def _named(source: TableFiles) -> dict[str, str]:
     missing = [name for name in IDENTITY if name not in named]
     missing += [] if "time" in named or "frame" in named else ["time or frame"]
     if missing:
-        angles = [name for name in source.columns if re.fullmatch(GEOGRAPHIC, name.strip().lower())]
-        degrees = f"{' and '.join(angles)} have to be projected to metres first; " if angles else ""
         raise InputError(
-            f"{source}: no column looks like {', '.join(missing)}; the file has {list(source.columns)}; {degrees}"
-            f"write the mapping by hand (docs/data.md)"
+            f"{source}: no column looks like {', '.join(missing)}; the file has {list(source.columns)}; write the "
+            f"mapping by hand (docs/data.md)"
         )
     return named
 
@@ -322,11 +350,6 @@ def _angles(mapping: _Draft, angle: FloatArray, motion: FloatArray) -> None:
     mapping.fields["angles"] = {"zero": best[1], "positive": best[2]}
     off = np.rad2deg(errors[best])
     mapping.remarks["angles"] = f"headings are then {off:.2g} degrees off the direction of motion (median)"
-
-
-def likely_kind(name: str) -> str:
-    """Returns what a file most probably means by a kind, as field `kinds` of a mapping has it."""
-    return next((ours for ours, like in KINDS.items() if re.fullmatch(like, name.lower())), "unknown")
 
 
 def _kinds(mapping: _Draft, kinds: pd.Series) -> None:

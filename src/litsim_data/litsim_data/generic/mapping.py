@@ -34,7 +34,13 @@ FACTORS: dict[str, float] = {
 }
 """Value of one of each unit in SI units."""
 
+PARTS: dict[int, tuple[str, ...]] = {2: ("x", "y"), 6: ("x1", "y1", "x2", "y2", "x3", "y3")}
+"""Parts of a quantity that is given by so many columns."""
+Corners = tuple[str, str, str, str, str, str]
+
 Number = Annotated[float, Field(allow_inf_nan=False)]
+Latitude = Annotated[float, Field(ge=-80.0, le=84.0)]
+Longitude = Annotated[float, Field(ge=-180.0, le=180.0)]
 Length = Literal["m", "ft", "cm"]
 KindName = Literal["car", "truck", "motorcycle", "bicycle", "pedestrian", "unknown", "drop"]
 Value = str | int | float | bool
@@ -59,8 +65,11 @@ class Columns(_Strict):
         vehicle_id: id, number or text.
         frame: frame number at `rate_hz`; either this or `time`.
         time: time of the row.
-        x, y: position of the reference point.
-        length, width: a column, or a number in the unit of sizes that holds for all vehicles.
+        x, y: position of the reference point; with field `origin` of the mapping, longitude and latitude [deg].
+        length, width: a column, or a number in the unit of sizes that holds for all vehicles. If omitted, those that
+            `corners` give, or else usual ones by kind.
+        corners: x and y of three corners that follow each other around the box, [x1, y1, x2, y2, x3, y3], in the unit
+            of positions: its longer side is the length.
         yaw: heading; derived from motion if omitted.
         speed, acceleration: values along the heading; derived from positions if omitted. Two columns of speed are its
             components along x and y.
@@ -74,8 +83,9 @@ class Columns(_Strict):
     time: str | None = None
     x: str
     y: str
-    length: str | float
-    width: str | float
+    length: str | float | None = None
+    width: str | float | None = None
+    corners: Corners | None = None
     yaw: str | None = None
     speed: str | tuple[str, str] | None = None
     acceleration: str | None = None
@@ -87,7 +97,7 @@ class Columns(_Strict):
     @classmethod
     def _column_or_size(cls, value: object) -> object:
         is_size = isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < math.inf
-        if not (isinstance(value, str) or is_size):
+        if not (value is None or isinstance(value, str) or is_size):
             raise ValueError(f"expected a column, or a number greater than 0, found {value!r:.60}")
         return value
 
@@ -106,6 +116,12 @@ class Columns(_Strict):
         return self
 
     @model_validator(mode="after")
+    def _sizes_once(self) -> Columns:
+        if self.corners is not None and not (self.length is None and self.width is None):
+            raise ValueError("give either corners, or length and width")
+        return self
+
+    @model_validator(mode="after")
     def _each_for_one_thing(self) -> Columns:
         quantities: dict[str, str] = {}
         for ours, theirs in self.named().items():
@@ -115,11 +131,14 @@ class Columns(_Strict):
         return self
 
     def named(self) -> dict[str, str]:
-        """Returns the file's columns by our names; components of speed are ``speed_x`` and ``speed_y``."""
-        columns = self.model_dump()
-        if isinstance(self.speed, tuple):
-            columns |= {"speed_x": self.speed[0], "speed_y": self.speed[1]}
-        return {ours: theirs for ours, theirs in columns.items() if isinstance(theirs, str)}
+        """Returns the file's columns by our names; those of several have `PARTS` of the name, such as ``speed_x``."""
+        columns: dict[str, str] = {}
+        for ours, theirs in self.model_dump().items():
+            if isinstance(theirs, str):
+                columns[ours] = theirs
+            elif isinstance(theirs, tuple):
+                columns |= {f"{ours}_{part}": name for part, name in zip(PARTS[len(theirs)], theirs, strict=True)}
+        return columns
 
 
 class Vehicles(_Strict):
@@ -171,8 +190,11 @@ class Mapping(_Strict):
         name, source, licence, net: fields of the recording's header.
         columns: names of the columns.
         vehicles: file with the columns that the table lacks.
-        reference: point that x and y refer to: the centre of the front bumper, of the box or of the rear axle; or the
-            corner of the box with the smallest x and y, if all vehicles drive along the x axis of the file.
+        reference: point that x and y refer to: the centre of the front bumper, of the box, of the rear axle or of the
+            rear bumper; or the corner of the box with the smallest x and y, if all vehicles drive along the x axis of
+            the file.
+        repeated: the last columns of the header, which repeat along each row, once for each time.
+        origin: latitude and longitude [deg] of (0, 0), if x and y are longitude and latitude.
         rate_hz: frames per second of column `frame`.
         units, angles, transform: conventions of the file.
         kinds: our kind for each value of column `kind`; ``drop`` leaves rows out. Pedestrians and bicycles always
@@ -193,7 +215,9 @@ class Mapping(_Strict):
     net: str = ""
     columns: Columns
     vehicles: Vehicles | None = None
-    reference: Literal["front_centre", "box_centre", "rear_axle", "box_corner"]
+    repeated: list[str] = []
+    reference: Literal["front_centre", "box_centre", "rear_axle", "rear_centre", "box_corner"]
+    origin: tuple[Latitude, Longitude] | None = None
     rate_hz: Annotated[float, Field(gt=0, le=1000)] = RATE_HZ
     units: Units = Units()
     angles: Angles = Angles()
@@ -204,6 +228,12 @@ class Mapping(_Strict):
     signals: str = ""
     accept: list[Check] = []
     clean: bool | None = None
+
+    @model_validator(mode="after")
+    def _sizes_of_corners(self) -> Mapping:
+        if self.reference == "box_corner" and (self.columns.length is None or self.columns.width is None):
+            raise ValueError("reference box_corner needs columns.length and columns.width")
+        return self
 
     @model_validator(mode="after")
     def _kinds_of_a_column(self) -> Mapping:

@@ -15,13 +15,13 @@ from litsim_sim.core.scene import BoolArray, Kind, is_obstacle
 from litsim_sim.scenario.recording import BOUNDS
 
 USUAL_SIZES: dict[Kind, tuple[float, float]] = {
-    Kind.CAR: (4.6, 2.0),
+    Kind.CAR: (4.6, 1.9),
     Kind.TRUCK: (12.0, 2.5),
     Kind.MOTORCYCLE: (2.2, 0.9),
     Kind.BICYCLE: (1.8, 0.6),
     Kind.PEDESTRIAN: (0.5, 0.5),
 }
-"""Default length and width [m]."""
+"""Default length and width [m]; those of cars are of vehicles of unknown kind, too, where a table has no sizes."""
 
 NAMES = tuple(kind.name.lower() for kind in (Kind.BICYCLE, Kind.PEDESTRIAN))
 UNUSED = ("yaw", "speed", "speed_x", "speed_y", "acceleration")
@@ -52,9 +52,9 @@ def with_usual_sizes(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> p
     """Returns `table`, in SI units, with default sizes for agents of a known kind without a usable size.
 
     A median size beyond BOUNDS is none, nor is one that the mapping gives for all vehicles that of pedestrians and
-    cyclists. Those of unknown kind get the nearest size within BOUNDS.
+    cyclists. Those of unknown kind get the nearest size within BOUNDS, where they have one.
     """
-    has_sizes = isinstance(mapping.columns.length, str) and isinstance(mapping.columns.width, str)
+    has_sizes = not (isinstance(mapping.columns.length, float) or isinstance(mapping.columns.width, float))
     sizes = table.groupby("vehicle_id")[["length", "width"]].transform("median")
     usable = sizes["length"].between(*BOUNDS["length"]) & sizes["width"].between(*BOUNDS["width"])
     rows = ~usable.to_numpy() | (obstacle_rows(table) & (not has_sizes))
@@ -63,7 +63,8 @@ def with_usual_sizes(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> p
     counts.usual_sizes = int(table.loc[rows, "vehicle_id"].nunique())
     table = table.copy()
     for name in ("length", "width"):
-        table.loc[rows, name] = sizes.loc[rows, name].clip(*BOUNDS[name])
+        usual = USUAL_SIZES[Kind.CAR][name == "width"]
+        table.loc[rows, name] = sizes.loc[rows, name].clip(*BOUNDS[name]).fillna(usual)
     for kind, (length, width) in USUAL_SIZES.items():
         table.loc[rows & (table["kind"].to_numpy() == kind), ["length", "width"]] = length, width
     return table

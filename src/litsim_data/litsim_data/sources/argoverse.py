@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from litsim_data.generic.draft import USUAL_SIZE
 from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.generic.mapping import Mapping
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet, polyline
@@ -18,8 +17,6 @@ from litsim_sim.io.input_files import read_json
 from litsim_sim.io.parquet_input import is_parquet, read_schema, read_table
 
 COLUMNS = ("track_id", "object_type", "timestep", "position_x", "position_y", "heading", "velocity_x", "velocity_y")
-SIZES = {"bus": (12.0, 2.6), "motorcyclist": (2.2, 0.8)}
-"""Length and width [m] of kinds that are not as large as a car; the data set gives none."""
 KINDS = {
     "vehicle": "car",
     "bus": "truck",
@@ -57,11 +54,7 @@ class Argoverse2(Source):
         if len(names) != 1:
             raise InputError(f"{path}: holds the scenarios {list(map(str, names[:3]))}, expected one")
         file = lanes or path.with_name(f"log_map_archive_{names[0]}.json")
-        length, width = (
-            table["object_type"].map({kind: size[side] for kind, size in SIZES.items()}).fillna(usual)
-            for side, usual in enumerate(USUAL_SIZE.values())
-        )
-        columns = {name: table[name] for name in COLUMNS} | {"length": length, "width": width}
+        columns = {name: table[name] for name in COLUMNS}
         kinds = KINDS | {str(kind): "unknown" for kind in table["object_type"].unique() if str(kind) not in KINDS}
         mapping = Mapping.model_validate(
             {
@@ -73,18 +66,15 @@ class Argoverse2(Source):
                     "y": "position_y",
                     "yaw": "heading",
                     "speed": ["velocity_x", "velocity_y"],
-                    "length": "length",
-                    "width": "width",
                     "kind": "object_type",
                 },
                 "reference": "box_centre",
                 "kinds": kinds,
             }
         )
-        notes = ("sizes are usual ones by class: the data set has none",)
         name = f"av2_{names[0]}"
         tracks = LoadedTable.of(path, columns)
-        yield Scene(name, tracks, mapping, partial(read_lanes, file), name, ego=RECORDER, notes=notes)
+        yield Scene(name, tracks, mapping, partial(read_lanes, file), name, ego=RECORDER)
 
 
 def read_lanes(path: Path) -> LaneGraph:

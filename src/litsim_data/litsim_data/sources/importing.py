@@ -13,10 +13,10 @@ import pandas as pd
 from tqdm import tqdm
 
 from litsim_data import segments
-from litsim_data.generic.convert import CLOCK
 from litsim_data.generic.counts import Counts
 from litsim_data.generic.description import describe
 from litsim_data.generic.mapping import Check
+from litsim_data.generic.si_units import CLOCK
 from litsim_data.maps.alignment import share_along
 from litsim_data.maps.check import NetCheck, check_net
 from litsim_data.maps.check_text import describe as describe_check

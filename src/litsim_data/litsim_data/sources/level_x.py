@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from litsim_data.generic.draft import likely_kind
+from litsim_data.generic.kinds import likely_kind
 from litsim_data.generic.mapping import Mapping
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet
 from litsim_data.sources.source import Scene, Source

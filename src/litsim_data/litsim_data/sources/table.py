@@ -1,4 +1,4 @@
-"""Any table by its mapping, and recordings in the neutral schema, as sources."""
+"""Tables by their mappings, the user's or the package's, and recordings in the neutral schema, as sources."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from litsim_data.generic.mapping import Mapping
+from litsim_data.generic.published import mapping_of
+from litsim_data.generic.wide import open_tables
 from litsim_data.sources.source import ReadySource, Scene, Source
 from litsim_sim.io.parquet_input import is_parquet, read_schema
-from litsim_sim.io.table_input import TableFiles
 from litsim_sim.scenario.cropping import Crop
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import HEADER_KEY, Recording
@@ -30,9 +31,33 @@ class MappedTable(Source):
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:  # noqa: ARG002 - a table has no map
         """See :class:`.source.Source`."""
         mapping = self._mapping
-        name, about = re.sub(r"[^\w+=-]+", "_", mapping.name), (mapping.licence, mapping.source)
+        name, about = _name(mapping.name), (mapping.licence, mapping.source)
         signals = self._file.parent / mapping.signals if mapping.signals else None
-        yield Scene(name, TableFiles.open([path, *self._more]), mapping, signals_file=signals, about=about)
+        tracks = open_tables([path, *self._more], mapping.repeated)
+        yield Scene(name, tracks, mapping, signals_file=signals, about=about)
+
+
+class PublishedTable(Source):
+    """Tables of data sets whose columns a mapping of the package describes."""
+
+    content = "a table of CitySim, I-24 MOTION, pNEUMA, SinD or Songdo"
+    licence = citation = "as the mapping says"
+
+    def recognizes(self, path: Path) -> bool:
+        """See :class:`.source.Source`."""
+        return mapping_of(path) is not None
+
+    def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
+        """See :class:`.source.Source`."""
+        known = mapping_of(path)
+        assert known is not None  # it is recognised
+        file, mapping = known
+        named = mapping.model_copy(update={"name": f"{mapping.name}_{path.name.partition('.')[0]}"})
+        yield from MappedTable(named, file).read(path, lanes)
+
+
+def _name(text: str) -> str:
+    return re.sub(r"[^\w+=-]+", "_", text)
 
 
 class Neutral(ReadySource):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 ROWS_MAX = 10**12  # most rows of one of several files; row numbers of each file begin at a multiple of it
 ARROW_MAGIC = b"ARROW1"
+HEAD_BYTES = 65_536  # of the first line of a table, with the names of its columns
+CLOCK = r"([01]?\d|2[0-4]):[0-5]\d:[0-5]\d(\.\d+)?"
+"""Pattern of times of the day."""
 SEPARATORS = (";", "\t", "|")
 """Separators of cells other than commas; by the first line of a file, which has no comma then."""
 
@@ -59,7 +63,7 @@ class TableFile:
             if parquet:
                 return cls(path, parquet, tuple(pq.read_schema(path).names))
             with open_input(path) as file:
-                separator = _separator(next((line for line in file if line.strip()), b""))
+                separator = separator_of(next((line for line in file if line.strip()), b""))
             with pcsv.open_csv(_csv(path), parse_options=pcsv.ParseOptions(delimiter=separator)) as reader:
                 return cls(path, parquet, tuple(reader.schema.names), separator)
         except UNREADABLE as error:
@@ -175,21 +179,36 @@ def _lines(path: Path, rows: Sequence[int]) -> list[int]:
 
 def first_cells(path: Path) -> set[str]:
     """Returns the cells in the first line of a file, if it is CSV, by which formats are recognised."""
-    return {*read_head(path).partition(b"\n")[0].decode("utf-8", "replace").strip().split(",")}
+    first = read_head(path, HEAD_BYTES).partition(b"\n")[0]
+    return {cell.strip() for cell in first.decode("utf-8-sig", "replace").split(separator_of(first))}
 
 
 def is_stamped(column: pd.Series) -> bool:
-    """Returns whether a column of times holds dates with times of the day, such as 2024-05-17T08:30:00.040."""
+    """Returns whether a column of times holds dates with times of the day, such as 2024-05-17T08:30:00.040.
+
+    Times of the day alone, such as 08:30:00.04, are likewise.
+    """
     import pandas as pd
 
-    return pd.api.types.is_datetime64_any_dtype(column)
+    if pd.api.types.is_datetime64_any_dtype(column):
+        return True
+    if pd.api.types.is_numeric_dtype(column):
+        return False
+    first = next((str(value).strip() for value in column if not pd.isna(value)), "")
+    return re.fullmatch(CLOCK, first) is not None
 
 
-def since_1970(column: pd.Series) -> pd.Series:
-    """Times of such a column as seconds since 1970 UTC, NaN for none; UTC is assumed for those without a time zone."""
+def seconds_of(column: pd.Series) -> pd.Series:
+    """Times of such a column as seconds since 1970 UTC, or since midnight; NaN for none.
+
+    UTC is assumed for those without a time zone.
+    """
     import pandas as pd
 
-    return (pd.to_datetime(column, utc=True) - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
+    if pd.api.types.is_datetime64_any_dtype(column):
+        return (pd.to_datetime(column, utc=True) - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
+    clock = column.astype(str).str.strip()
+    return pd.to_timedelta(clock.where(clock.str.fullmatch(CLOCK)), errors="coerce").dt.total_seconds()
 
 
 def _csv(path: Path) -> Path | BinaryIO:
@@ -223,6 +242,6 @@ def _first_odd_line(path: Path, separator: str) -> str:
     return ""
 
 
-def _separator(first: bytes) -> str:
+def separator_of(first: bytes) -> str:
     """Returns the separator of cells in a CSV file with this `first` line."""
     return next((mark for mark in SEPARATORS if b"," not in first and mark.encode() in first), ",")

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -20,10 +20,13 @@ from litsim_sim.core.quantities import OneOf
 from litsim_sim.core.scene import RATE_HZ, STEP_S, ByteArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState, SignalTable
 from litsim_sim.io.input_files import require_file
-from litsim_sim.io.table_input import TableFile, is_stamped, since_1970
+from litsim_sim.io.table_input import TableFile, is_stamped, seconds_of
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.lane_map.signal_links import ARROW, SignalLink, crossings, read_links
 from litsim_sim.scenario.log import Log
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 NAMES = {state.name.lower(): state for state in SignalState} | {
     "yellow": SignalState.AMBER,
@@ -56,17 +59,18 @@ class _Strict(BaseModel):
 
 
 class StateList(_Strict):
-    """A file (CSV or Parquet) with one row per change of a group.
+    """A file (CSV or Parquet) with one row per change, of one group or of all.
 
     Attributes:
         file: path relative to the file that names it.
-        group, begin, state: names of its columns.
+        group: its column of groups; or the columns that hold the states of a group each, and are named after it.
+        begin, state: its columns of times and of states; the latter is not used if groups have columns of their own.
         unit: unit of `begin`, which counts from frame 0 of the recording; not used for dates with times.
         codes: our names of states, by those of the file, if they differ.
     """
 
     file: Annotated[str, Field(min_length=1)]
-    group: str = "group"
+    group: str | Annotated[list[str], Field(min_length=1)] = "group"
     begin: str = "begin"
     state: str = "state"
     unit: Literal["s", "ms", "us", "ns", "frame"] = "s"
@@ -361,22 +365,22 @@ def _read_changes(states: StateList, path: Path) -> list[tuple[float, str, Any]]
     """Returns the changes of a file, ascending by time."""
     require_file(path, "file of signal states")
     source = TableFile.open(path)
-    table = source.read([states.group, states.begin, states.state], may_be_empty=True)
+    table = _changes_table(states, source)
     from pandas import to_numeric  # imported here, as runs without such a file do not need it
 
-    stamped = is_stamped(table[states.begin])
-    times = since_1970(table[states.begin]) if stamped else table[states.begin]
-    begin = to_numeric(times, errors="coerce").to_numpy(np.float64)
+    stamped = is_stamped(table["begin"])
+    begin = to_numeric(seconds_of(table["begin"]) if stamped else table["begin"], errors="coerce").to_numpy(np.float64)
     if not np.isfinite(begin).all():
         at = int(np.argmin(np.isfinite(begin)))
-        value = str(table[states.begin].iloc[at])
+        value = str(table["begin"].iloc[at])
         raise InputError(f"{source.at(table['row'].iloc[at])}: column {states.begin!r} is {value!r}, expected a number")
-    for column in (states.group, states.state):
+    for column in ("group", "state"):
         if table[column].isna().any():
-            at = int(np.argmax(table[column].isna().to_numpy()))
-            raise InputError(f"{source.at(table['row'].iloc[at])}: column {column!r} is empty")
+            row = table[table[column].isna()].iloc[0]
+            named = getattr(states, column) if isinstance(states.group, str) else row["group"]
+            raise InputError(f"{source.at(row['row'])}: column {named!r} is empty")
     codes = {str(code): name for code, name in states.codes.items()}
-    state = table[states.state].map(_plain)
+    state = table["state"].map(_plain)
     names = state.map(lambda value: codes.get(value, value.lower() if value.lower() in NAMES else None))
     if names.isna().any():
         at = int(np.argmax(names.isna().to_numpy()))
@@ -385,7 +389,7 @@ def _read_changes(states: StateList, path: Path) -> list[tuple[float, str, Any]]
             f"{place}: state {state.iloc[at]!r} is none of {', '.join(NAMES)}; say in field codes what it is"
         )
     order = np.argsort(begin, kind="stable")
-    group = table[states.group].map(_plain).to_numpy()
+    group = table["group"].map(_plain).to_numpy()
     seconds = [round(float(time), 6) for time in begin * (1.0 if stamped else SECONDS[states.unit])]
     first_at: dict[tuple[str, float], int] = {}
     for i in order:
@@ -394,6 +398,22 @@ def _read_changes(states: StateList, path: Path) -> list[tuple[float, str, Any]]
             one, other = (f"{source.at(table['row'].iloc[k])}, {names.iloc[k]}" for k in (first, i))
             raise InputError(f"{one}; {other}: group {group[i]} shows two states at one time, expected one")
     return [(seconds[i], str(group[i]), str(names.iloc[i])) for i in order]
+
+
+def _changes_table(states: StateList, source: TableFile) -> pd.DataFrame:
+    """Returns columns group, begin, state and row of a file, with a row for each change of one group."""
+    import pandas as pd
+
+    if isinstance(states.group, str):
+        columns = {"group": states.group, "begin": states.begin, "state": states.state}
+        table = source.read(sorted({*columns.values()}), may_be_empty=True)
+        return pd.DataFrame({ours: table[theirs] for ours, theirs in columns.items()} | {"row": table["row"]})
+    table = source.read(sorted({states.begin, *states.group}), may_be_empty=True)
+    each = [
+        pd.DataFrame({"group": name, "begin": table[states.begin], "state": table[name], "row": table["row"]})
+        for name in states.group
+    ]
+    return pd.concat(each, ignore_index=True)
 
 
 def _plain(value: object) -> str:
