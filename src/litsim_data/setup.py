@@ -57,6 +57,7 @@ setup(
             "mappings = litsim_data.sources.table:PublishedTable",
             "osi = litsim_data.sources.osi:OpenSimulationInterface",
             "py123d = litsim_data.sources.py123d:Py123d",
+            "scenario_net = litsim_data.sources.scenario_net:ScenarioNet",
             "sumo = litsim_data.sources.sumo:SumoTrajectories",
         ],
     },

@@ -21,6 +21,7 @@ from litsim_data.maps.lanelet2_osm import read_graph
 from litsim_data.maps.opendrive_roads import Roads
 from litsim_data.ngsim.sites import US101
 from litsim_data.sources.openscenario.source import OpenScenario
+from litsim_data.sources.scenario_net import ScenarioNet
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
@@ -165,6 +166,22 @@ def recording_of(rows: int) -> Recording:
     same = {"yaw": 0.0, "speed": 10.0, "acceleration": 0.0, "length": 4.5, "width": 2.0, "kind": 0, "lane": -1}
     cars = [pd.DataFrame({"vehicle_id": car, "frame": step, "x": step * 1.0, "y": 4.0 * car, **same}) for car in (1, 2)]
     return Recording.from_table(RecordingHeader("made"), pd.concat(cars, ignore_index=True)[list(COLUMNS)], "made")
+
+
+@settings(max_examples=25, deadline=None)
+@given(data=st.data())
+def test_spoilt_pickles_are_refused_or_sound(tmp_path_factory: pytest.TempPathFactory, data: Any) -> None:
+    path = made_sources.scenario_net(
+        tmp_path_factory.getbasetemp() / "spoilt.pkl", protocol=data.draw(st.integers(2, 5))
+    )
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(content) - 1))
+        new = data.draw(st.binary(max_size=3))
+        content[at : at + data.draw(st.sampled_from([0, len(new), 40]))] = new
+    path.write_bytes(content)
+    if ScenarioNet().recognizes(path):
+        loaded(path)
 
 
 @settings(max_examples=80)

@@ -5,7 +5,9 @@ for 11 s, car 3 stands on the lane to the north, 4 is parked beside the road, an
 """
 
 import json
+import pickle
 import struct
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -409,6 +411,41 @@ def waymo_content() -> dict[str, Any]:
         "tl_states": {str(numbers[LIGHT]): states},
         "metadata": {"sdc_track_index": 1},
     }
+
+
+def scenario_net(path: Path, dataset: str = "waymo", protocol: int = 4) -> Path:
+    rows, states = tracks(), np.full(STEPS, "LANE_STATE_GO", object)
+    objects: dict[str, Any] = {}
+    for name, one in rows.groupby("id"):
+        valid = np.ones(STEPS, bool)
+        kind = "PEDESTRIAN" if name == WALKING else "VEHICLE"
+        state = {
+            "position": np.column_stack([one["x"], one["y"], np.full(STEPS, 20.0)]).astype(np.float32),
+            "heading": one["yaw"].to_numpy(np.float32),
+            "velocity": np.zeros((STEPS, 2), np.float32),
+            "valid": valid,
+            "length": one[["length"]].to_numpy(np.float32),
+            "width": one["width"].to_numpy(np.float64),
+        }
+        objects[str(name)] = {"type": kind, "state": state, "metadata": {"type": kind, "track_length": STEPS}}
+    objects["cone"] = objects["1"] | {"type": "TRAFFIC_CONE"}
+    features: dict[str, Any] = {"9": {"type": "ROAD_EDGE_BOUNDARY", "polyline": np.zeros((2, 3))}}
+    for lanelet in lanes():
+        line = np.column_stack([lanelet.centerline, np.full(len(lanelet.centerline), 20.0)])
+        features[lanelet.id] = {
+            "type": "LANE_SURFACE_STREET",
+            "polyline": line.astype(np.float32),
+            "exit_lanes": [*lanelet.successors],
+            "entry_lanes": [],
+            "speed_limit_kmh": np.float64(50.0),
+        }
+    light = {"type": "TRAFFIC_LIGHT", "lane": LIGHT, "state": {"object_state": states.tolist()}}
+    about = {"dataset": dataset, "ts": 0.1 * np.arange(STEPS), "sdc_id": "2", "metadrive_processed": False}
+    about["counts"] = defaultdict(int, {"VEHICLE": 4})
+    content = {"id": "made", "version": "1", "length": STEPS, "tracks": objects, "metadata": about}
+    content |= {"dynamic_map_states": {LIGHT: light}, "map_features": features}
+    path.write_bytes(pickle.dumps(content, protocol=protocol))
+    return path
 
 
 def waymo_json(path: Path) -> Path:

@@ -43,6 +43,7 @@ CROSSINGS: dict[str, tuple[Written, int, bool]] = {
     "osi": (lambda folder: made_sources.osi(folder / "made_gt.osi"), 110, False),
     "osi_mcap": (lambda folder: made_sources.osi(folder / "made_sv.mcap", "SensorView"), 110, False),
     "py123d": (lambda folder: made_sources.py123d(folder / "nuplan_made.parquet"), 110, True),
+    "scenario_net": (lambda folder: made_sources.scenario_net(folder / "sd_made.pkl"), 110, True),
     "sumo": (lambda folder: made_sources.sumo(folder / "sumo"), 110, False),
     "waymo_json": (lambda folder: made_sources.waymo_json(folder / "made.json"), 90, True),
     "waymo_tfrecord": (lambda folder: made_sources.waymo_record(folder / "made.tfrecord-00000-of-00001"), 90, True),
@@ -84,6 +85,7 @@ def test_a_crossing_in_every_format(name: str, tmp_path: Path, capsys: pytest.Ca
         "osi",
         "osi_mcap",
         "py123d",
+        "scenario_net",
         "waymo_json",
         "waymo_tfrecord",
     ):  # which know the vehicle that recorded the others

@@ -115,10 +115,10 @@ def _scene(content: Mapping[str, Any], name: str, path: Path) -> Scene:
     recorder = (content.get("metadata") or {}).get("sdc_track_index", -1)
     ego = str(content["objects"][recorder]["id"]) if 0 <= recorder < len(content["objects"]) else None
     signals = _signals(content.get("tl_states") or {})
-    return Scene(scene, tracks, mapping, partial(_lanes, content, path), scene, signals, ego)
+    return Scene(scene, tracks, mapping, partial(lanes_of, content, path), scene, signals, ego)
 
 
-def _lanes(content: Mapping[str, Any], path: Path) -> LaneGraph:
+def lanes_of(content: Mapping[str, Any], path: Path) -> LaneGraph:
     """Returns the lanes of vehicles; successors that the file does not name follow from where lanes begin and end."""
     roads = [road for road in content["roads"] if road["type"] == "lane" and road.get("map_element_id") != BIKE_LANE]
     bikes = sum(road["type"] == "lane" for road in content["roads"]) - len(roads)
