@@ -1,7 +1,7 @@
 # The commands that people type. `make` alone lists them.
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
-.PHONY: help setup setup-all build demo test test-fast lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture lint-figures architecture format bench api lock audit sbom soak clean distclean
+.PHONY: help setup setup-all build demo test test-fast lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture lint-figures architecture format bench docs lock audit sbom soak clean distclean
 
 # Choices, also taken from the environment; see tools/bootstrap.sh --help.
 PYTHON ?=
@@ -73,10 +73,10 @@ bench: build ## what a step costs on this machine, by stage, beside highway-env
 soak: build ## 100 short runs of the graph, resumed where they were left; docs/performance.md
 	./litsim exec python tests/soak/soak.py $(ARGS)
 
-api: build ## the reference of `import litsim` and of the environments, from their docstrings, into build/api/
-	@cd build && ../litsim exec ../$(BIN)/uv run --quiet --no-project --python ../$(BIN)/python --with pdoc==16.0.0 \
-	  pdoc --docformat google --output-directory api litsim litsim_research.gym '!litsim_research.gym.network_ego'
-	@echo "build/api/index.html"
+docs: setup ## the site of the documentation, with the Python reference, into build/site/; links and anchors are checked
+	@$(BIN)/python tools/site.py
+	@$(BIN)/uv run --quiet --no-project --python $(BIN)/python --with-requirements requirements/locked/docs.txt zensical build --strict
+	@echo "build/site/index.html: python3 -m http.server --directory build/site"
 
 lock: ## versions and hashes of all packages, from constraints.txt, into requirements/locked/
 	@tools/lock.sh
@@ -92,4 +92,4 @@ clean: ## remove what build made
 	find src \( -name '*.nb[ic]' -o -name '*.kernel' \) -delete
 
 distclean: clean ## remove the environment and every cache as well
-	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv .cache .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

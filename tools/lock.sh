@@ -18,7 +18,7 @@ mkdir -p requirements/locked
 lock installer installer
 lock base ros run build
 lock dev dev export
-for extra in maps live ray search torch; do lock "$extra" "$extra"; done
+for extra in maps live ray search docs torch; do lock "$extra" "$extra"; done
 
 # The CPU build for Linux on x86-64 of CPython 3.11 and 3.12, by the SHA-256 that PyTorch's index gives; both change with
 # the version. What it needs beside is what the other build needs but for NVIDIA's libraries.

@@ -32,7 +32,8 @@ class HeldEnvironment(ParallelEnv):
         takeovers: number of names.
         slots: most agents at a time; policy `yield` drives further ones.
         steps_max: most steps of a run after its history.
-        progress, penalty: as in :class:`.takeover.TakeoverEnvironment`.
+        progress: reward for each metre driven.
+        penalty: weights of the penalties.
     """
 
     metadata = {"name": "litsim_held_v0", "render_modes": []}  # noqa: RUF012 - as in the base class

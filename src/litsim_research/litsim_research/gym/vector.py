@@ -30,7 +30,10 @@ class TakeoverVectorEnvironment(VectorEnv[Array, Array, np.ndarray]):
         num_envs: number of vehicles.
         scenario: what is drawn for all runs each time that they begin.
         vehicles: number of vehicles in each run; they meet each other.
-        steps_max, radius, progress, penalty: as in :class:`.takeover.TakeoverEnvironment`.
+        steps_max: most steps of an episode.
+        radius: distance from the ego within which vehicles are drawn [m].
+        progress: reward for each metre driven.
+        penalty: weights of the penalties.
 
     Raises:
         InputError: `num_envs` is no multiple of `vehicles`.
