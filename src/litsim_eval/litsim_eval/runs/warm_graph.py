@@ -37,7 +37,7 @@ from litsim_sim.nodes.bridge import Bridge
 from litsim_sim.nodes.bridge_node import BridgeNode
 from litsim_sim.nodes.recorder import RecorderNode
 from litsim_sim.nodes.responses import RunFailed
-from litsim_sim.record.bag import make_room
+from litsim_sim.record.bag import discard_derived, make_room
 from litsim_sim.record.failure import write_failure
 from litsim_sim.record.seal import write_seal
 from litsim_sim.ros.in_process import InProcessTransport
@@ -96,6 +96,7 @@ class WarmGraph:
                 failure = self._explained(str(error) if isinstance(error, RunFailed) else reason(error))
             if failure:
                 write_failure(out, failure)
+            discard_derived(out)  # which the stack may have forged
             status = RecordedAnalysis(None)(out, quiet=True, failed=bool(failure), case=folder)
         self._collect()
         self._hand_over_log(out / LOG_FOLDER / f"{STACK}.log")

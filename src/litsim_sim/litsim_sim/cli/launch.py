@@ -29,7 +29,7 @@ from litsim_sim.launch.output import check_output, held_output
 from litsim_sim.launch.processes import Graph, GraphFailed
 from litsim_sim.launch.signals import without_interrupts
 from litsim_sim.nodes.shared import prepare_nodes
-from litsim_sim.record.bag import make_room
+from litsim_sim.record.bag import discard_derived, make_room
 from litsim_sim.record.failure import write_failure
 from litsim_sim.record.seal import write_seal
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, ego_names
@@ -87,7 +87,7 @@ def launch(arguments: argparse.Namespace) -> int:
             graph = Graph(out, domain_id, arguments.answer_timeout)
             _announce(arguments, plan, domain_id)
             try:
-                _run(graph, nodes, paths, arguments)
+                _run(graph, out, nodes, paths, arguments)
                 write_seal(out, graph.facts())
             except GraphFailed as error:
                 print_error(f"{error} (logs: {out / 'log'})")
@@ -105,8 +105,12 @@ def launch(arguments: argparse.Namespace) -> int:
     return status
 
 
-def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments: argparse.Namespace) -> None:
+def _run(
+    graph: Graph, out: Path, nodes: list[GraphNode], paths: dict[str, Path], arguments: argparse.Namespace
+) -> None:
     """Start `nodes` and the user's stack, and wait for the run to end; always end all processes.
+
+    Measures of the run that are in `out` by then are somebody else's, and are removed.
 
     Raises:
         GraphFailed: the run has failed.
@@ -123,6 +127,7 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
         raise
     finally:
         without_interrupts(graph.stop)
+        discard_derived(out)
 
 
 def _recorded(out: Path, arguments: argparse.Namespace, criteria: str | None, *, failed: bool = False) -> int:

@@ -275,8 +275,15 @@ def make_room(folder: Path, overwrite: bool) -> None:
     bag = [*sorted(folder.glob("*.mcap")), *folder.glob(METADATA_FILE)]
     if bag and not overwrite:
         raise InputError(f"{folder}: holds a bag already ({bag[0].name}); give another folder")
-    for path in [*bag, *(folder / name for name in (*DERIVED_FILES, FAILURE_FILE, SEAL_FILE))]:
+    discard_derived(folder)
+    for path in [*bag, folder / FAILURE_FILE, folder / SEAL_FILE]:
         path.unlink(missing_ok=True)
+
+
+def discard_derived(folder: Path) -> None:
+    """Removes what was computed from the bag in `folder`, or what somebody else says was."""
+    for name in DERIVED_FILES:
+        (folder / name).unlink(missing_ok=True)
 
 
 class BagReader:
