@@ -23,7 +23,8 @@ from litsim_sim.cli.program import program
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, FloatArray
 from litsim_sim.record.run import Run
-from litsim_sim.scenario.run_info import REPLAY, RunPlan
+from litsim_sim.scenario.policies import REPLAY
+from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
 Drive = Callable[[np.random.Generator, int], FloatArray]

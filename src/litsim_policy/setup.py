@@ -7,7 +7,7 @@ from setuptools import find_packages, setup
 
 PACKAGE = ET.parse("package.xml").getroot()
 NAME, MAINTAINER = PACKAGE.findtext("name"), PACKAGE.find("maintainer")
-ENDINGS = ("safetensors",)
+ENDINGS = ("safetensors", "yaml")
 """Endings of the files that code opens with importlib.resources."""
 
 setup(
@@ -41,6 +41,7 @@ setup(
             "litsim = litsim_policy.driving.policy_c:PolicyC",
             "yield = litsim_policy.driving.yield_policy:YieldPolicy",
         ],
+        "litsim.setups": [f"{name} = litsim_policy.setups" for name in ("critic", "paper", "residual")],
         "litsim.egos": [
             "bat = litsim_policy.ego.bat:BatEgo",
             "idm = litsim_policy.ego.idm:IdmEgo",

@@ -18,7 +18,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.quantities import Flag, Length, NonNegative, Whole, configuration
 from litsim_sim.core.stages import PREDICTOR
-from litsim_sim.scenario.run_info import drives_by_region
+from litsim_sim.scenario.policies import drives_by_region
 from litsim_sim.scenario.setting import Setting
 
 DEFAULT_MODEL = "default"

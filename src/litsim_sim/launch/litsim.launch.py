@@ -27,14 +27,15 @@ from litsim_sim.core.topic_names import AUTO, INTERFACES
 from litsim_sim.launch.domain import hold_for_this_process
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, nodes_of
 from litsim_sim.launch.output import check_output
-from litsim_sim.scenario.run_info import RunPlan, ego_names, policy_names
+from litsim_sim.scenario.policies import policy_choices
+from litsim_sim.scenario.run_info import RunPlan, ego_names
 
 NONE = ""  # of an argument that leaves it to the scenario, or to the node
 
 ARGUMENTS = (
     ("scenario", "demo", "name of a packaged scenario, or a YAML file", None),
     ("ego", "idm", "what drives the ego; external: your own stack, over topics", ego_names()),
-    ("policy", "litsim", "what moves the background", policy_names()),
+    ("policy", "litsim", "what moves the background", policy_choices()),
     ("predictor", NONE, "packaged model, or weights", None),
     ("ego_id", NONE, "vehicle of the recording that is the ego; default: the scenario's", None),
     ("seed", NONE, "seed of everything random; default: the scenario's", None),

@@ -20,7 +20,7 @@ from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.kernels.garbage import spared_from_collection
 from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.scenario.perception import Perception
-from litsim_sim.scenario.run_info import REPLAY, class_of_policy
+from litsim_sim.scenario.policies import REPLAY, class_of_policy, setup_of
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.setting import Setting
 from litsim_sim.world.world import World
@@ -117,14 +117,17 @@ class Simulation:
             scenario: one, or several of one kind.
             ego: name of an installed driver, or a driver, for each scenario or for all; None if the caller of
                 :meth:`step` gives the egos' commands.
-            policy: of the background: the name of an installed one, or a class of policies, made as ``cls(scenario)``;
-                None if only those agents are off their logs that the caller of :meth:`step` drives.
+            policy: of the background: the name of an installed one or of a setup, or a class of policies, made as
+                ``cls(scenario)``; None if only those agents are off their logs that the caller of :meth:`step` drives.
             parameters: of the stages, by stage and name, where they are not the defaults.
             observers: see :attr:`observers`.
             full_length: whether runs go on to the ends of their scenarios, also once their egos have left or collided.
             mirror: SUMO's display of a single scenario; the caller closes it.
             clock: times the stages [s].
         """
+        if isinstance(policy, str):
+            setup = setup_of(policy)
+            policy, parameters = setup.kind, setup.stage_parameters(parameters)
         self.scenarios = (scenario,) if isinstance(scenario, Scenario) else tuple(scenario)
         self.batch = None if isinstance(scenario, Scenario) else BatchedScenario.of(self.scenarios)
         self.observers = list(observers)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of
 from litsim_research.paper.experiments import (
     ABLATION,
     ABLATIONS,
@@ -15,19 +14,18 @@ from litsim_research.paper.experiments import (
     TABLE,
 )
 from litsim_research.paper.roads import roads
-from litsim_sim.core.parameters import by_stage
+from litsim_sim.scenario.policies import PolicySetup, installed_setups, setup_of
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.simulation import configured
 
 EXPERIMENTS = (TABLE, ABLATIONS, CHANGED, REGIONS, DEVIATING)
-EVERY = (*packaged_setups(), *(row for each in EXPERIMENTS for row in each.policies))
+EVERY = (*installed_setups(), *(row for each in EXPERIMENTS for row in each.policies))
 
 
 @pytest.mark.parametrize("policy", EVERY, ids=lambda policy: policy if isinstance(policy, str) else policy.name)
 def test_every_row_has_parameters_that_its_stages_know(policy: str | PolicySetup) -> None:
     setup = setup_of(policy)
-    parameters = by_stage((*name.split(".", 1), value) for name, value in setup.parameters.items())
-    assert configured("bat", setup.kind, parameters)["ego"] is not None
+    assert configured("bat", setup.kind, setup.stage_parameters())["ego"] is not None
 
 
 def test_the_deviating_ego_samples_its_manoeuvres(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from litsim_sim.scenario.policies import setup_of
 from litsim_sim.scenario.run_info import RunPlan, new_execution
 from litsim_sim.scenario.scenario import Scenario
 
@@ -35,6 +36,15 @@ def test_whatever_changes_a_run_changes_its_identity(plan: RunPlan) -> None:
         RunPlan.load("demo", "idm", "litsim", settings=[("policy", "horizon", 2.0)]),
     ]
     assert len({each.identity for each in (plan, *others)}) == len(others) + 1
+
+
+def test_a_setup_is_its_policy_with_parameters_over_which_the_given_ones_go() -> None:
+    plan = RunPlan.load("demo", "idm", "paper", settings=[("conflict", "horizon", 3.0)])
+    own = setup_of("paper").stage_parameters()
+    assert own["conflict"]["horizon"] == 5.0
+    assert plan.policy == "litsim"
+    assert plan.parameters == own | {"conflict": own["conflict"] | {"horizon": 3.0}}
+    assert RunPlan.load("demo", "idm", "paper", predictor="kinematic").parameters["predictor"]["model"] == "kinematic"
 
 
 def test_how_it_is_carried_out_does_not(plan: RunPlan) -> None:

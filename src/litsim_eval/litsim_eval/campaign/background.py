@@ -9,7 +9,8 @@ from typing import Any
 
 from litsim_eval.campaign.case import Case
 from litsim_sim.core.parameters import Parameters, by_stage
-from litsim_sim.scenario.run_info import REPLAY, plain_values
+from litsim_sim.scenario.policies import REPLAY
+from litsim_sim.scenario.run_info import plain_values
 from litsim_sim.scenario.scenario import packaged
 
 LIKE = {

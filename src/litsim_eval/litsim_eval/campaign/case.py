@@ -17,7 +17,8 @@ from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import Parameters, by_stage
 from litsim_sim.core.stages import POLICY_STAGES
-from litsim_sim.scenario.run_info import EXTERNAL, REPLAY, plain_values, versions
+from litsim_sim.scenario.policies import REPLAY
+from litsim_sim.scenario.run_info import EXTERNAL, plain_values, versions
 from litsim_sim.scenario.scenario import Scenario
 
 ID_LENGTH = 16

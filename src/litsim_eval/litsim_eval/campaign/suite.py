@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -24,7 +23,6 @@ from pydantic import (
 )
 
 from litsim_eval.campaign.criteria import Criteria
-from litsim_eval.campaign.policy_setup import Name, Parameters, PolicySetup, packaged_setups, setup_of, stage_and_name
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.core.topic_names import AUTO, INTERFACES
@@ -32,7 +30,16 @@ from litsim_sim.io.input_files import require_file
 from litsim_sim.io.yaml_input import parse_yaml, place_in, read_text, validate_yaml
 from litsim_sim.launch.adapters import adapter_names
 from litsim_sim.launch.output import OF_MANY_RUNS
-from litsim_sim.scenario.run_info import EXTERNAL, REPLAY, ego_names, policy_names
+from litsim_sim.scenario.policies import (
+    REPLAY,
+    Name,
+    Parameters,
+    PolicySetup,
+    policy_choices,
+    setup_of,
+    stage_and_name,
+)
+from litsim_sim.scenario.run_info import EXTERNAL, ego_names
 from litsim_sim.scenario.scenario import packaged, packaged_scenarios
 from litsim_sim.scenario.scenario_file import SEEDS
 
@@ -47,14 +54,8 @@ CAMPAIGN_FILE = OF_MANY_RUNS
 """In the folder of a campaign: its suite and its cases."""
 
 
-def _known_policy(name: str) -> str:
-    if name not in (known := (*policy_names(), *packaged_setups())):
-        raise ValueError(f"{name!r}, expected one of {', '.join(known)}")
-    return name
-
-
-PolicyName = Annotated[str, AfterValidator(_known_policy)]
-"""A policy as it comes, or a packaged setup."""
+PolicyName = Annotated[str, OneOf(policy_choices)]
+"""A policy as it comes, or an installed setup."""
 
 
 class CaseEntry(BaseModel):
@@ -202,7 +203,7 @@ class Suite(BaseModel):
             :meth:`load` has put them into `cases`.
         cases: scenarios, and which of their vehicles are the ego.
         egos: drivers of the ego.
-        policies: of :func:`litsim_sim.scenario.run_info.policy_names`, names of packaged setups, or setups.
+        policies: of :func:`litsim_sim.scenario.policies.policy_choices`, or setups.
         seeds: seeds, with a run for each; default: the scenario's seed.
         drivers: number of draws of the background's drivers, with a run for each, for policies that draw them; with
             more than one, policy litsim does.

@@ -13,7 +13,6 @@ from rich.console import Console
 from tqdm import tqdm
 
 from litsim_eval.campaign.case import file_digest, variants
-from litsim_eval.campaign.policy_setup import packaged_setups
 from litsim_eval.cli.evaluate import ExamplesFormatter
 from litsim_eval.cli.suite_arguments import add_policy_arguments, background_suite
 from litsim_eval.credibility.evidence import SUMS_FILE, TEXT_FILE, changes, write_evidence
@@ -27,6 +26,7 @@ from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, print_error
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.scenario.encounter_note import SPLITS
+from litsim_sim.scenario.policies import installed_setups
 from litsim_sim.simulation import configured
 
 STATUS_HELP = (
@@ -150,7 +150,7 @@ def setups_of(arguments: argparse.Namespace) -> tuple[Setup, ...]:
     """
     setups = []
     for variant in variants(background_suite(arguments, EGO)):
-        own = variant.label.split(", ")[0] in packaged_setups()  # the label begins with the name of the setup
+        own = variant.label.split(", ")[0] in installed_setups()  # the label begins with the name of the setup
         name = ", ".join(part for part in ("" if own else variant.policy, variant.label) if part)
         parameters = by_stage((*place.split(".", 1), value) for place, value in variant.parameters)
         configured(EGO, variant.policy, parameters)

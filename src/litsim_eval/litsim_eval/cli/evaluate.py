@@ -35,7 +35,7 @@ from litsim_eval.runs.warm_runs import WarmRuns
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
-from litsim_sim.scenario.run_info import REPLAY
+from litsim_sim.scenario.policies import REPLAY
 
 STATUS_HELP = (
     "Exit status: 0, the campaign passes by the criteria of its suite (by default: every run passes); 1, it does not, "

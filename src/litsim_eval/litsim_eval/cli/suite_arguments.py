@@ -11,7 +11,6 @@ from typing import Any, get_args
 from litsim_eval.campaign.case import GRAPH, Case, cases_of
 from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.campaign.part import Part, suite_of_cases
-from litsim_eval.campaign.policy_setup import PolicySetup, packaged_setups, setup_of
 from litsim_eval.campaign.results import is_campaign, read_campaign
 from litsim_eval.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite, located, packaged_suites, place_of
 from litsim_eval.runs.case_run import CaseRefused, check_cases, is_elsewhere
@@ -21,7 +20,8 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import SET_HELP, not_among, setting
 from litsim_sim.io.yaml_input import validate_yaml
 from litsim_sim.launch.adapters import adapter_names
-from litsim_sim.scenario.run_info import EXTERNAL, ego_names, policy_names
+from litsim_sim.scenario.policies import PolicySetup, policy_choices, setup_of
+from litsim_sim.scenario.run_info import EXTERNAL, ego_names
 
 DEFAULTS: dict[str, Any] = {"scenario": ["demo"], "ego": ["idm"]}
 """Of a campaign without a suite file; all others are those of :class:`Suite`."""
@@ -91,7 +91,7 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
 
 def add_policy_arguments(p: argparse.ArgumentParser, default: list[str] | None = None, also: str = "") -> None:
     """Adds the arguments that define what moves the background; `also` ends the help on the policies."""
-    policies = f"what moves the background: {', '.join(_usual_policies())}{also}"
+    policies = f"what moves the background: {', '.join(policy_choices())}{also}"
     p.add_argument("--policy", nargs="+", default=default, help=policies)
     p.add_argument("--predictor", nargs="+", metavar="MODEL", help="forecasting model; a variant for each")
     p.add_argument(
@@ -237,15 +237,10 @@ def _usual_egos() -> tuple[str, ...]:
     return (*ego_names(), *adapter_names())
 
 
-def _usual_policies() -> tuple[str, ...]:
-    """Returns names of policies that need no suite."""
-    return (*policy_names(), *packaged_setups())
-
-
 def _policies(names: Sequence[str], base: Suite | None) -> list[str | PolicySetup]:
     """Returns the policies of these names, as the suite has them where it has them."""
     known = {setup_of(policy).name: policy for policy in (base.policies if base else [])}
-    _check_names("--policy", names, {*known, *_usual_policies()})
+    _check_names("--policy", names, {*known, *policy_choices()})
     return [known.get(name, name) for name in names]
 
 

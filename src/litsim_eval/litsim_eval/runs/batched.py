@@ -22,7 +22,8 @@ from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.stages import EGO, PREDICTOR
 from litsim_sim.record.run import Run as RecordedRun
 from litsim_sim.scenario.batched import kind
-from litsim_sim.scenario.run_info import REPLAY, RunPlan
+from litsim_sim.scenario.policies import REPLAY
+from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.simulation import Simulation, Step, configured
 
 BATCH_MAX = 16

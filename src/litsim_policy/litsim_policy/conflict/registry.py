@@ -15,7 +15,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.takeover import TakeoverTable
-from litsim_sim.scenario.run_info import drives_by_region, drives_walkers
+from litsim_sim.scenario.policies import drives_by_region, drives_walkers
 from litsim_sim.scenario.setting import Setting
 
 TakeoverStage = TakeoverManager | RegionManager

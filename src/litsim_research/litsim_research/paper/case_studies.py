@@ -36,7 +36,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, FloatArray
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.record.run import Run
-from litsim_sim.scenario.run_info import REPLAY
+from litsim_sim.scenario.policies import REPLAY
 from litsim_sim.scenario.scenario import Scenario
 
 LANE_CHANGE, LEFT_TURN = "lane_change", "left_turn"

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from litsim_eval.campaign.criteria import Criteria
-from litsim_eval.campaign.policy_setup import PolicySetup, setup_of
 from litsim_eval.campaign.suite import EgoSetup, Suite
 from litsim_research.paper import published
 from litsim_research.paper.roads import roads
-from litsim_sim.scenario.run_info import REPLAY
+from litsim_sim.scenario.policies import REPLAY, PolicySetup, setup_of
 
 BASELINES = ("idm", "gail", "rail", "simnet")
 """Policies of :mod:`litsim_research.baselines`, in the order of the paper's tables."""

@@ -27,7 +27,7 @@ from litsim_research.paper.measures import (
 from litsim_research.paper.published import OTHER_DATA
 from litsim_research.paper.roads import HIGHWAY, REAL, URBAN
 from litsim_sim.io.files import replacing
-from litsim_sim.scenario.run_info import REPLAY
+from litsim_sim.scenario.policies import REPLAY
 
 NOTHING = "-"
 CLEAR = "\\*"

@@ -8,7 +8,8 @@ from typing import Any
 
 from litsim_sim.core.parameters import SET_HELP, one_setting
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
-from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, policy_names
+from litsim_sim.scenario.policies import policy_choices
+from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 
 END_AFTER_CONTACT: dict[str, Any] = {
     "type": float,
@@ -23,7 +24,7 @@ def add_run_arguments(p: argparse.ArgumentParser, egos: Sequence[str]) -> None:
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
     external = "; external: your own stack" if EXTERNAL in egos else ""
     p.add_argument("--ego", default="idm", choices=tuple(egos), help=f"what drives the ego{external}")
-    p.add_argument("--policy", default="litsim", choices=policy_names(), help="what moves the background")
+    p.add_argument("--policy", default="litsim", choices=policy_choices(), help="what moves the background")
     p.add_argument(
         "--predictor", metavar="MODEL", help="packaged model, or file of weights; default: parameter predictor.model"
     )

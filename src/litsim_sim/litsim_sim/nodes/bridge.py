@@ -19,7 +19,8 @@ from litsim_sim.nodes.responses import RunFailed
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.seal import RunFacts
 from litsim_sim.ros.process import process, spare_from_collection
-from litsim_sim.scenario.run_info import EXTERNAL, REPLAY
+from litsim_sim.scenario.policies import REPLAY
+from litsim_sim.scenario.run_info import EXTERNAL
 from litsim_sim.simulation import Simulation
 
 LOOK_S = 1.0

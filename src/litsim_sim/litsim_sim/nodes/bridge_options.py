@@ -26,7 +26,8 @@ from litsim_sim.core.quantities import (
 from litsim_sim.core.topic_names import INTERFACES
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
 from litsim_sim.core.yaml_loader import load_yaml
-from litsim_sim.scenario.run_info import RunPlan, ego_names, new_execution, policy_names
+from litsim_sim.scenario.policies import policy_names
+from litsim_sim.scenario.run_info import RunPlan, ego_names, new_execution
 from litsim_sim.scenario.scenario import Scenario
 
 OF_THE_SCENARIO = -1

@@ -18,12 +18,11 @@ from litsim_sim.core import plugins
 from litsim_sim.core.parameters import Parameters, by_stage
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.stages import EGO, POLICY_STAGES, RECORDER
+from litsim_sim.scenario.policies import REPLAY, setup_of
 from litsim_sim.scenario.scenario import Scenario
 
 EXTERNAL = "external"
 """The ego that is any stack that answers on the ego port."""
-REPLAY = "replay"
-"""The policy that is pure log replay, without stages of the policy."""
 VERSIONED = ("litsim_sim", "numpy", "libsumo", "onnxruntime", "torch", "mcap")
 
 
@@ -34,7 +33,7 @@ class RunPlan:
     Attributes:
         scenario: scenario with the ego and the seed of this run.
         ego: one of :func:`ego_names`.
-        policy: one of :func:`policy_names`.
+        policy: one of :func:`litsim_sim.scenario.policies.policy_names`.
         parameters: parameters of the stages that are set explicitly, by stage and name.
         execution: unique name of this execution, see :func:`new_execution`; empty in process, where messages of other
             executions cannot arrive.
@@ -63,6 +62,7 @@ class RunPlan:
     ) -> RunPlan:
         """Returns the run with the given options; None stands for the scenario's value, or the stage's default.
 
+        `policy` may be a setup (:mod:`litsim_sim.scenario.policies`), over whose parameters the given ones go.
         `settings` are stage, name and value of parameters; the `predictor` is ignored in a replay. Raises an
         InputError if the scenario, a name or a YAML file, cannot be used.
         """
@@ -74,8 +74,9 @@ class RunPlan:
             "vehicle": dict(vehicle or {}) or None,
         }
         loaded = Scenario.load(scenario, **{name: value for name, value in overrides.items() if value is not None})
-        model = [] if predictor is None or policy == REPLAY else [("predictor", "model", predictor)]
-        return cls(loaded, ego, policy, by_stage([*model, *settings]))
+        setup = setup_of(policy)
+        model = [] if predictor is None or setup.kind == REPLAY else [("predictor", "model", predictor)]
+        return cls(loaded, ego, setup.kind, setup.stage_parameters(by_stage([*model, *settings])))
 
     @property
     def stages(self) -> tuple[str, ...]:
@@ -134,30 +135,6 @@ def driver_names() -> tuple[str, ...]:
 def ego_names() -> tuple[str, ...]:
     """Returns the names of what can drive the ego: :func:`driver_names`, and a stack of the user."""
     return (*driver_names(), EXTERNAL)
-
-
-def policy_names() -> tuple[str, ...]:
-    """Returns the names of what can move the background: the installed policies, and pure replay."""
-    return (*plugins.names(plugins.POLICIES), REPLAY)
-
-
-def drives_by_region(policy: str | type[Any]) -> bool:
-    """Returns whether the policy takes over, for good and without forecasts, every agent that comes near the ego."""
-    return policy != REPLAY and bool(class_of_policy(policy).by_region)
-
-
-def drives_walkers(policy: str | type[Any]) -> bool:
-    """Returns whether the policy also drives walkers and cyclists whose way is blocked."""
-    return policy != REPLAY and bool(class_of_policy(policy).drives_walkers)
-
-
-def class_of_policy(policy: str | type[Any]) -> type[Any]:
-    """Returns the class of the installed policy of that name; a class of policies itself.
-
-    Raises:
-        InputError: there is none of that name, or it cannot be imported.
-    """
-    return policy if isinstance(policy, type) else plugins.load(plugins.POLICIES, policy)
 
 
 def new_execution() -> str:
