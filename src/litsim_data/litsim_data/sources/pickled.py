@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from litsim_sim.core.budgets import check_budget
+from litsim_sim.core.checks import check_budget
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.input_files import TREE_MAX, open_input
 

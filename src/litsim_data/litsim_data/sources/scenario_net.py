@@ -16,7 +16,7 @@ from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.sources import argoverse, py123d, waymo
 from litsim_data.sources.pickled import read_pickle
 from litsim_data.sources.source import Scene, SignalChange, Source
-from litsim_sim.core.budgets import CELLS_MAX, check_budget
+from litsim_sim.core.checks import CELLS_MAX, check_budget
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.input_files import TREE_MAX, open_input, read_head
