@@ -20,9 +20,10 @@ from statistics import median
 
 import yaml
 
-from litsim_eval.benchmark.steps import FREE_ROAD, HISTORY_S, columns_of_traffic, launch, straight_road
+from litsim_eval.benchmark.steps import FREE_ROAD, HISTORY_S, columns_of_traffic, execute, straight_road
 from litsim_eval.runs.runner import Runner
 from litsim_sim.core.stages import BRIDGE
+from litsim_sim.launch.nodes import find_executable
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -64,7 +65,8 @@ def in_process(file: Path) -> Steps:
 def over_graph(file: Path, bag: Path) -> Steps:
     """Returns the steps of a run over DDS, from the recorded marks of the bridge."""
     settings = (f"{stage}.{name}={value}" for stage, values in PARAMETERS.items() for name, value in values.items())
-    launch(file, bag, "--ego", EGO, "--policy", POLICY, "--set", *settings)
+    words = ("--quiet", "--overwrite", "--out", str(bag), "--scenario", str(file), "--ego", EGO, "--policy", POLICY)
+    execute(find_executable("litsim_sim", "launch"), *words, "--set", *settings)
     run = read_run(bag)
     begins = {step: at["begin"] for step, at in run.marks[BRIDGE].items() if step > run.info.history_steps}
     return [
