@@ -12,7 +12,6 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from litsim_sim.record.bag import BagReader
@@ -45,22 +44,18 @@ class Viewer(Observer):
         agents = self.shown[topics.MARKERS_AGENTS.name].values()
         return {(m.pose.position.x, m.pose.position.y): m for m in agents if m.ns == "agents"}
 
-    def step(self) -> None:
-        """Ask the replay for one step."""
-        assert self.call(Trigger, "/replay/step", Trigger.Request()).success
-
-    def show_start(self, expected: set[tuple[float, float]]) -> None:
-        """Ask the replay for the first step until it is seen: who hears the replay may not have been found by it."""
+    def show(self, step: int, expected: set[tuple[float, float]]) -> None:
+        """Ask the replay for a step until it is seen: who hears the replay may not have been found by it."""
 
         def shown() -> bool:
-            start = [Parameter("seek_to", value=0.0).to_parameter_msg()]
-            self.call(SetParameters, "/replay/set_parameters", SetParameters.Request(parameters=start))
+            sought = [Parameter("seek_to", value=0.1 * step).to_parameter_msg()]
+            self.call(SetParameters, "/replay/set_parameters", SetParameters.Request(parameters=sought))
             until = time.monotonic() + 1.0
             while self.boxes().keys() != expected and time.monotonic() < until:
                 self.executor.spin_once(timeout_sec=0.05)
             return self.boxes().keys() == expected
 
-        self.wait("step 0", shown)
+        self.wait(f"step {step}", shown)
 
 
 @pytest.fixture
@@ -86,10 +81,8 @@ def test_a_paused_replay_shows_every_step(graph: Any, viewer: Viewer, recorded: 
     live = graph.start_node("litsim_sim", "live")
     graph.start_node("litsim_sim", "replay", bag, "--paused")
     expected = places(bag)
-    viewer.show_start(expected[0])
-    for step in (1, 2):
-        viewer.step()
-        viewer.wait(f"step {step}", lambda step=step: viewer.boxes().keys() == expected[step])
+    for step in range(3):
+        viewer.show(step, expected[step])
     with Viewer(graph.domain) as late:
         late.wait("the step that stands", lambda: late.boxes().keys() == expected[2])
     code, said = graph.end(live)
