@@ -35,7 +35,6 @@ setup(
             "compare = litsim_eval.cli.compare:main",
             "bench = litsim_eval.cli.bench:main",
             "check_ads = litsim_eval.cli.check_ads:main",
-            "security = litsim_eval.cli.security:main",
         ],
         # See litsim_sim.core.plugins for the groups.
         "litsim.recorded": ["analyze = litsim_eval.report.recorded:RecordedAnalysis"],

@@ -9,12 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_eval.cli.security import policy
-from litsim_sim.core.topic_names import Interface
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 
 GROUPS = {"east": ["WA_0", "WA_1"], "left": ["WA_2"]}
 CHANGES = [[0.0, "east", "green"], [0.0, "left", "red"]]
+POLICY = Path(__file__).resolve().parents[2] / "src/litsim_sim/config/security.xml"
 STACK, ANSWER = "/standard_ego", "/litsim/ego/twist"
 PATIENCE_S = 100.0  # for everybody to be there, and to have found each other
 
@@ -48,7 +47,7 @@ def test_nodes_may_do_what_they_do_and_nothing_else(graph: Any) -> None:
     timing, too, as it does when it waits.
     """
     pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
-    may = allowed(policy(Interface.TWIST, [STACK]))
+    may = allowed(POLICY.read_text().replace("minimal_ads", "standard_ego"))
     of_stack = may.pop(STACK)
     scenario = graph.scenario(net="urban_like", ego=1, signals={"groups": GROUPS, "changes": CHANGES})
     Recording.from_table(RecordingHeader("one"), one_car(), "one").write(graph.folder / "traffic.parquet")

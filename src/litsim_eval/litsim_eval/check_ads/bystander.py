@@ -22,7 +22,7 @@ from litsim_sim.nodes.diagnostics import BRIDGE_NAME, PORT_NAME
 from litsim_sim.nodes.publishers import Owners, check_publishers
 from litsim_sim.nodes.responses import RunFailed
 from litsim_sim.ros.ego_port import CONVERT
-from litsim_sim.ros.endpoints import Endpoints, node_of
+from litsim_sim.ros.endpoints import node_of
 from litsim_sim.ros.topics import DIAGNOSTICS, EGO_FEEDS, EGO_INPUTS, EGO_STATE, Topic
 
 PROGRAM = "check_ads"
@@ -43,8 +43,6 @@ class Bystander:
         remarks: all messages of the ego port on ``/diagnostics``.
         intrusions: texts on publishers on internal topics that are no nodes of the run.
     """
-
-    declared = Endpoints(NAME, (), (*EGO_INPUTS.values(), EGO_STATE, DIAGNOSTICS))
 
     def __init__(self, domain_id: int, internal: Owners) -> None:
         """Listens in `domain_id`; `internal` are the topics on which only their owners may publish."""

@@ -21,7 +21,7 @@ from litsim_sim.ego_port.port import EgoPort, Level, Remark
 from litsim_sim.launch.domain import EMPTY
 from litsim_sim.nodes import diagnostics
 from litsim_sim.nodes.bridge_options import bridge_stage
-from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
+from litsim_sim.nodes.broadcast import Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence, rivalry
 from litsim_sim.nodes.publishers import WATCH_S, Visits, check_publishers, owners
@@ -30,15 +30,13 @@ from litsim_sim.nodes.simulation_services import NAMESPACE, SimulationServices
 from litsim_sim.record.seal import RunFacts
 from litsim_sim.ros import ego_port, messages, standard
 from litsim_sim.ros.definitions import type_name
-from litsim_sim.ros.endpoints import Endpoints, node_of, once_named, publisher_on, subscribe
+from litsim_sim.ros.endpoints import node_of, once_named, publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters, read_parameters
 from litsim_sim.ros.process import executor_of, serve
 from litsim_sim.ros.topics import (
     CONTROLS,
-    DIAGNOSTICS,
     EGO_APPLIED,
     EGO_INPUTS,
-    FRAMES,
     HELLO,
     RECORDED,
     RUN_INFO,
@@ -66,12 +64,6 @@ class BridgeNode(Node):
         responses: answers to the current step.
         pulse: lines for the launcher.
     """
-
-    declared = Endpoints(
-        BRIDGE,
-        (HELLO, STATUS, TIMING, EGO_APPLIED, DIAGNOSTICS, *PUBLISHED, *PUBLISHED_OF_SIGNALS, *FRAMES),
-        (*EGO_INPUTS.values(), CONTROLS, STATUS, RECORDED, HELLO, RUN_INFO, TIMING),
-    )
 
     def __init__(self, **options: Any) -> None:
         """Make the node, with `options` of rclpy's."""

@@ -24,7 +24,6 @@ from litsim_sim.nodes.live_server import LiveServer
 from litsim_sim.record.bag import BagTopic
 from litsim_sim.ros import cdr
 from litsim_sim.ros.definitions import definition, type_name
-from litsim_sim.ros.endpoints import Endpoints
 from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, handing_back
 from litsim_sim.ros.parameters import refuse_parameters
 from litsim_sim.ros.process import process, serve
@@ -51,8 +50,6 @@ DRAWN = (AGENTS, FORECASTS, TAKEOVERS)
 class LiveNode(Node):
     """Draws the newest messages on request; forwards incoming ones to `server`, if there is one."""
 
-    declared = Endpoints(NAME, MARKERS, tuple(dict.fromkeys((*DRAWN, *RECORDED_TOPICS))))
-
     def __init__(self, server: LiveServer | None = None) -> None:
         super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
         refuse_parameters(self)
@@ -62,10 +59,8 @@ class LiveNode(Node):
         self._fresh = False
         self._audience = dict.fromkeys(MARKERS, 0)
         self._time_ns = 0
-        self._outlets = {
-            topic: self.create_publisher(topic.type, topic.name, topic.qos) for topic in self.declared.publishes
-        }
-        for topic in DRAWN if server is None else self.declared.hears:
+        self._outlets = {topic: self.create_publisher(topic.type, topic.name, topic.qos) for topic in MARKERS}
+        for topic in DRAWN if server is None else dict.fromkeys((*DRAWN, *RECORDED_TOPICS)):
             unacknowledged = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
             qos = topic.qos if topic.latched else unacknowledged  # the newest messages are enough
             self.create_subscription(topic.type, topic.name, self._receiver(topic), qos, raw=True)

@@ -30,7 +30,7 @@ from litsim_sim.record.step_buffer import BufferedRun, StepBuffer
 from litsim_sim.ros import messages
 from litsim_sim.ros.cdr import run_id_of, stamp_ns, without_padding
 from litsim_sim.ros.definitions import definition, type_hash, type_name
-from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
+from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.process import process, spin
 from litsim_sim.ros.topics import (
@@ -62,8 +62,6 @@ class RecorderNode(Node):
     The recorder is ready once every other stage is, or after HEARING_S. At the end of the run it reports FINISHED, or
     FAILED if the recording has gaps.
     """
-
-    declared = Endpoints(STAGE, (STATUS, RECORDED), (*RECORDED_TOPICS, HELLO))
 
     def __init__(self, **options: Any) -> None:
         """Make the node, with `options` of rclpy's."""

@@ -1,4 +1,4 @@
-"""Publishers and subscriptions of the graph's topics with little overhead, and their declaration by node.
+"""Publishers and subscriptions of the graph's topics with little overhead.
 
 Whenever it waits, rclpy's executor iterates over all entities of a node. By default each publisher and subscription
 adds two events that warn of mismatched QoS and types. LitSim's own nodes share one definition of both, so the events
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -23,23 +22,6 @@ T = TypeVar("T")
 NAMES_S = 1.0  # [s] by which the names of nodes may follow their endpoints, at most
 NAMELESS = "_NODE_NAME_UNKNOWN_"
 """Name that the middleware gives to the node of an endpoint discovered before its node, or outliving it."""
-
-
-@dataclass(frozen=True)
-class Endpoints:
-    """All topics that a node may publish and subscribe to; attribute `declared` of its class.
-
-    :mod:`litsim_sim.ros.security` grants these only, so nodes must not make others on LitSim's topics.
-
-    Attributes:
-        node: name of the node.
-        publishes: topics that it has publishers on.
-        hears: topics that it has subscriptions on.
-    """
-
-    node: str
-    publishes: tuple[Topic, ...]
-    hears: tuple[Topic, ...]
 
 
 def publisher_on(node: Node, topic: Topic) -> Publisher:

@@ -19,7 +19,7 @@ from litsim_sim.core.plugins import stage_reader
 from litsim_sim.core.stages import BRIDGE
 from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.ros import messages
-from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
+from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.in_process import InProcessTransport, Read
 from litsim_sim.ros.parameters import parameters_yaml, read_parameters
 from litsim_sim.ros.process import executor_of, process, serve, spare_from_collection
@@ -48,13 +48,6 @@ class StageNode(Node):
     stage: str
     inputs: Sequence[tuple[Topic, Read]]
     output: tuple[Topic, Write]
-    declared: Endpoints
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        """Declare the endpoints of a stage: its own, and those of every stage."""
-        super().__init_subclass__(**options)
-        hears = [topic for topic, _ in cls.inputs]
-        cls.declared = Endpoints(cls.stage, (cls.output[0], STATUS, TIMING), (*hears, RUN_INFO, HELLO, STATUS))
 
     def __init__(self, transport: InProcessTransport | None = None, **options: Any) -> None:
         """Make the node, with `options` of rclpy's.
