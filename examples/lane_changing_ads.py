@@ -1,7 +1,7 @@
 """A driving system on standard messages alone that cuts in: into the lane beside with the most room, every six seconds.
 
-It drives as minimal_ads.py does, looks into the lanes of `/litsim/lanes`, and cares little for those behind: 3.5 m to
-those beside, bumper to bumper, are enough for it.
+It drives as minimal_ads.py does, looks into the lanes of `/litsim/lanes` that are on its route, and cares little for
+those behind: 3.5 m to those beside, bumper to bumper, are enough for it.
 """
 
 import numpy as np
@@ -18,23 +18,24 @@ WANTED, HEADWAY = 15.0, 1.2  # [m/s], [s]
 WIDTH, BESIDE = 3.66, 3.5  # [m] between lanes; to vehicles beside, bumper to bumper
 BEGIN_S, EVERY_S = 4.0, 6.0  # [s] of the first lane change, and from one to the next
 LANE_AHEAD = (0.0, 25.0, 50.0)  # [m] where a lane must be for a change into it
-seen = {}  # the newest message of every type
+seen = {}  # the newest message of every type, and of the table of the lanes
 chosen = {"offset": 0.0, "next_s": BEGIN_S}  # [m] of the lane from the route, to the left; [s] of the next change
 
 
-def on_message(message):
-    seen[type(message)] = message
+def on_message(message, key=None):
+    seen[key or type(message)] = message
     said = seen.get(DiagnosticArray)
     if said and {"FINISHED", "FAILED"} & {value.value for status in said.status for value in status.values}:
         raise SystemExit
-    latched = route, lanes, box = [seen.get(kind) for kind in (Path, MarkerArray, PolygonStamped)]
+    latched = route, lanes, box, table = [seen.get(kind) for kind in (Path, MarkerArray, PolygonStamped, "table")]
     ego, objects = seen.get(Odometry), seen.get(PointCloud2)
     if message is said or not (all(latched) and ego and objects and ego.header.stamp == objects.header.stamp):
         return  # nothing to answer, or the inputs of the step are not complete
     del seen[PointCloud2]  # one answer each time that a step is published
     length = np.ptp([corner.x for corner in box.polygon.points])  # [m] of the ego
     route = by_metres(pose.pose.position for pose in route.poses)
-    publisher.publish(answer(route, centre_lines(lanes), length, ego, objects))
+    on_route, limit = points_of(table)["on_route"], points_of(table)["speed_limit"]
+    publisher.publish(answer(route, centre_lines(lanes, on_route), min(limit[on_route > 0]), length, ego, objects))
 
 
 def by_metres(points):
@@ -44,13 +45,19 @@ def by_metres(points):
     return np.interp(np.arange(s[-1]), s, corners)
 
 
-def centre_lines(lanes):
-    """Points of the centre lines of all lanes, as complex numbers [m]."""
-    return np.concatenate([by_metres(marker.points) for marker in lanes.markers if marker.ns == "centre"])
+def points_of(cloud):
+    """The points of a cloud, with its fields."""
+    return np.frombuffer(cloud.data, {f.name: (" bBhHiIfd"[f.datatype], f.offset) for f in cloud.fields})
 
 
-def answer(route, centres, length, ego, objects):
-    agents = np.frombuffer(objects.data, {f.name: (" bBhHiIfd"[f.datatype], f.offset) for f in objects.fields})
+def centre_lines(lanes, on_route):
+    """Points of the centre lines of the lanes on the route, as complex numbers [m]."""
+    centres = [marker for marker in lanes.markers if marker.ns == "centre" and on_route[marker.id]]
+    return np.concatenate([by_metres(marker.points) for marker in centres])
+
+
+def answer(route, centres, limit, length, ego, objects):
+    agents = points_of(objects)
     half = 0.5 * (length + agents["length"])  # [m] from centre to centre where bumpers meet
     pose, speed = ego.pose.pose, ego.twist.twist.linear.x
     at, yaw = complex(pose.position.x, pose.position.y), 2.0 * np.arctan2(pose.orientation.z, pose.orientation.w)
@@ -79,7 +86,7 @@ def answer(route, centres, length, ego, objects):
     target = route[here + look] + 1j * along * chosen["offset"]
     twist = TwistStamped(header=ego.header)  # with the stamp of the step
     twist.header.frame_id = "ego"
-    twist.twist.linear.x = float(speed + np.clip(min(WANTED, max(0.0, gap / HEADWAY)) - speed, -0.4, 0.1))
+    twist.twist.linear.x = float(speed + np.clip(min(WANTED, limit, max(0.0, gap / HEADWAY)) - speed, -0.4, 0.1))
     twist.twist.angular.z = float(2.0 * speed / look * np.sin(np.angle(target - at) - yaw))  # pure pursuit
     return twist
 
@@ -93,4 +100,5 @@ for kind, topic in (Odometry, "/litsim/ego/state"), (PointCloud2, "/litsim/objec
 node.create_subscription(Path, "/litsim/ego/route", on_message, latched)
 node.create_subscription(PolygonStamped, "/litsim/ego/footprint", on_message, latched)
 node.create_subscription(MarkerArray, "/litsim/lanes", on_message, latched)
+node.create_subscription(PointCloud2, "/litsim/lanes/table", lambda message: on_message(message, "table"), latched)
 rclpy.spin(node)

@@ -1,17 +1,18 @@
-"""Lets nav2 drive, or any stack for mobile robots: odometry, frames and a laser scan of the boxes out, a twist in.
+"""Lets nav2 drive, or any stack for mobile robots: odometry, frames, goal and a scan of the boxes out, a twist in.
 
     ./litsim launch --ego external --mode realtime --set bridge.clock=false -- python3 examples/nav2_bridge.py
     ros2 launch YOUR_NAV2.launch.py use_sim_time:=false     # in the same domain
 
 The run is in real time, so that nav2 lives on the wall clock, which runs before the run as well. The bridge then leaves
 /clock and /tf to this script: map -> odom -> base_link. The newest /cmd_vel answers each step; none is a standstill.
-Other agents are in the scan of 720 rays from base_link. The costmaps get the ego's footprint. Needs tf2_msgs.
+Other agents are in the scan of 720 rays from base_link. The costmaps get the ego's footprint, and nav2's navigator the
+goal of the mission, on /goal_pose. Needs tf2_msgs.
 """
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Polygon, PolygonStamped, TransformStamped, Twist, TwistStamped
+from geometry_msgs.msg import Polygon, PolygonStamped, PoseStamped, TransformStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from sensor_msgs.msg import LaserScan, PointCloud2
@@ -91,6 +92,8 @@ if __name__ == "__main__":
     footprints = [node.create_publisher(Polygon, f"/{name}_costmap/footprint", 10) for name in ("local", "global")]
     twist = node.create_publisher(TwistStamped, "/litsim/ego/twist", 10)
     latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+    goal = node.create_publisher(PoseStamped, "/goal_pose", latched)
+    node.create_subscription(PoseStamped, "/litsim/ego/goal", goal.publish, latched)
     node.create_subscription(DiagnosticArray, "/litsim/ego/vehicle", on_vehicle, latched)
     node.create_subscription(PolygonStamped, "/litsim/ego/footprint", on_footprint, latched)
     node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from conversions import STEP_NS, ego_of, lanes_of, line_of, objects_of, path_message
+from conversions import STEP_NS, ego_of, lanes_of, limit_of, line_of, objects_of, path_message
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry, Path
 from planner import Body, Plan, Planner
@@ -26,7 +26,7 @@ LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 class Adapter(Node):
     """Answers every step once the stamps of ego and objects agree.
 
-    Parameters: `wanted` speed [m/s]; `every`, steps between two plans; `figures`, a JSON
+    Parameters: `wanted` speed [m/s], within the route's limits; `every`, steps between two plans; `figures`, a JSON
     file that tells at the end how the planner did.
     """
 
@@ -37,6 +37,7 @@ class Adapter(Node):
         self._body: Body | None = None
         self._figures = self.declare_parameter("figures", "").value
         self._seen: dict[type, Any] = {}
+        self._limit: float | None = None
         self._plans: dict[int, Plan] = {}  # by the stamp they were made for [ns]
         self._planner: Planner | None = None
         self._answer: Path | None = None
@@ -44,6 +45,7 @@ class Adapter(Node):
         self.create_subscription(Path, "/litsim/ego/route", self._on_input, LATCHED)
         self.create_subscription(DiagnosticArray, "/litsim/ego/vehicle", self._on_vehicle, LATCHED)
         self.create_subscription(MarkerArray, "/litsim/lanes", self._on_input, LATCHED)
+        self.create_subscription(PointCloud2, "/litsim/lanes/table", self._on_table, LATCHED)
         self.create_subscription(Odometry, "/litsim/ego/state", self._on_input, 100)
         self.create_subscription(PointCloud2, "/litsim/objects", self._on_input, 100)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
@@ -51,10 +53,15 @@ class Adapter(Node):
     def _on_input(self, message: Any) -> None:
         self._seen[type(message)] = message
         route, lanes, ego, objects = (self._seen.get(kind) for kind in (Path, MarkerArray, Odometry, PointCloud2))
-        if not (self._body and route and lanes and ego and objects) or ego.header.stamp != objects.header.stamp:
+        limit = self._limit
+        if (
+            not (self._body and limit and route and lanes and ego and objects)
+            or ego.header.stamp != objects.header.stamp
+        ):
             return
         del self._seen[Odometry], self._seen[PointCloud2]  # a step that is published again is answered again
-        self._planner = self._planner or Planner(line_of(route), lanes_of(lanes), self._body, self._wanted)
+        wanted = min(self._wanted, limit)
+        self._planner = self._planner or Planner(line_of(route), lanes_of(lanes), self._body, wanted)
         if self._answer is None or self._answer.header.stamp != ego.header.stamp:
             self._answer = self._respond(Time.from_msg(ego.header.stamp).nanoseconds, ego, objects)
         self._publisher.publish(self._answer)
@@ -62,6 +69,9 @@ class Adapter(Node):
     def _on_vehicle(self, array: DiagnosticArray) -> None:
         values = {value.key: float(value.value) for status in array.status for value in status.values}
         self._body = Body(**{field.name: values[field.name] for field in fields(Body)})
+
+    def _on_table(self, lanes: PointCloud2) -> None:
+        self._limit = limit_of(lanes)
 
     def _respond(self, stamp: int, ego: Odometry, objects: PointCloud2) -> Path:
         assert self._planner is not None

@@ -45,6 +45,12 @@ def objects_of(cloud: Any) -> np.ndarray:
     return np.frombuffer(bytes(cloud.data), np.dtype(described), count=cloud.width * cloud.height)
 
 
+def limit_of(lanes: Any) -> float:
+    """Returns the lowest speed limit [m/s] of the lanes of ``/litsim/lanes/table`` that are on the route."""
+    table = objects_of(lanes)
+    return float(table["speed_limit"][table["on_route"] > 0].min())
+
+
 def line_of(path: Any) -> np.ndarray:
     """(n, 2) positions [m] of a ``nav_msgs/Path``."""
     return np.array([(pose.pose.position.x, pose.pose.position.y) for pose in path.poses], np.float64).reshape(-1, 2)

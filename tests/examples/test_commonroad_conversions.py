@@ -15,8 +15,9 @@ from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import problem
 from litsim_sim.ego_port.tracking import EgoState, Reference
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.ros import messages, standard
+from litsim_sim.ros import lane_clouds, messages, standard
 from litsim_sim.ros.ego_port import from_path
+from litsim_sim.scenario.mission import Mission
 from litsim_sim.scenario.scenario import packaged
 
 FILE = Path(__file__).parents[2] / "examples/commonroad_planner/conversions.py"
@@ -106,3 +107,11 @@ def test_the_port_accepts_what_is_written(conversions: ModuleType) -> None:
     assert answer.target.time == pytest.approx(1.2 + 0.1 * np.arange(31))
     assert Reference(answer.target, ego).problem(ego, VehicleModel()) == ""
     assert conversions.line_of(conversions.path_message(0, points)) == pytest.approx(points)
+
+
+def test_the_lowest_limit_of_the_route(conversions: ModuleType) -> None:
+    lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
+    nowhere = np.full(len(lane_map.lanes), np.nan)
+    for limit in sorted(set(lane_map.speed_limits.tolist())):
+        mission = Mission(np.zeros((2, 2)), np.zeros(3), lane_map.speed_limits >= limit, nowhere)
+        assert conversions.limit_of(lane_clouds.lane_table(lane_map, mission)) == pytest.approx(limit)

@@ -1,11 +1,13 @@
 """A recorded run is an ordinary rosbag2 bag, whole or cut short."""
 
+import json
 import resource
 import signal
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -15,12 +17,14 @@ from litsim_eval.analysis.metrics import compute_metrics
 from litsim_sim.core.stages import StageState
 from litsim_sim.record.bag import BagReader, find_mcap
 from litsim_sim.record.run import read_run
+from litsim_sim.scenario.mission import ego_mission
 from litsim_sim.scenario.scenario import Scenario
 
 STEP_NS = 100_000_000
 BY_STEP_FIELD = ("/litsim/agents", "/litsim/forecasts", "/litsim/takeovers", "/litsim/controls", "/litsim/ego/control")
 BY_STAMP = ("/clock", "/litsim/ego/state")
 EVERY_STEP = list(range(36))
+LATCHED = ("run_info", "ego/route", "ego/goal", "lanes", "lanes/table", "lanes/links", "signals/map")
 
 
 def step_of(topic: str, message: Any) -> int:
@@ -46,7 +50,12 @@ def test_mcap_ros2_support_reads_every_step_once_and_in_order(recorded: Any) -> 
     agents = decoded["/litsim/agents"]
     assert len(agents.id) == len(agents.x) == len(agents.controller) == 40
     assert sorted(agents.id) == list(agents.id)
-    assert len(decoded["/litsim/ego/route"].poses) > 1
+    mission, again = read_run(run.bag).mission, ego_mission(Scenario.load(run.scenario))
+    assert mission is not None and len(decoded["/litsim/ego/route"].poses) == len(mission.route) > 1
+    assert mission.goal == pytest.approx(again.goal) and mission.route == pytest.approx(again.route)
+    assert mission.on_route.tolist() == again.on_route.tolist() and any(mission.on_route)
+    assert mission.entered == pytest.approx(again.entered, nan_ok=True)
+    assert json.loads((run.bag / "metrics.json").read_text())["mission"]["off_route_m"] == 0.0
     assert list(decoded["/litsim/run_info"].topics) == [
         *("/clock", "/litsim/agents", "/litsim/ego/state", "/litsim/forecasts", "/litsim/takeovers"),
         *("/litsim/controls", "/litsim/ego/control"),
@@ -81,7 +90,7 @@ def test_the_metadata_tell_the_qos_and_the_type_of_every_topic(recorded: Any) ->
     for name, topic in topics.items():
         (offered,) = yaml.safe_load(channels[name].metadata["offered_qos_profiles"])
         assert offered["reliability"] == "reliable"
-        latched = name in ("/litsim/run_info", "/litsim/ego/route", "/litsim/lanes", "/litsim/signals/map")
+        latched = name.removeprefix("/litsim/") in LATCHED
         assert offered["durability"] == ("transient_local" if latched else "volatile")
         assert topic["topic_metadata"]["offered_qos_profiles"] == [offered]
         assert channels[name].metadata["topic_type_hash"] == topic["topic_metadata"]["type_description_hash"]

@@ -27,13 +27,6 @@ def parser() -> argparse.ArgumentParser:
     p = Parser(prog="autoware", description=__doc__, formatter_class=DefaultsFormatter)
     p.add_argument("--profile", default="core", help=f"{', '.join(packaged_profiles())}, or a YAML file")
     p.add_argument("--answers", choices=(CONTROL, TRAJECTORY), help="what the ego follows; default: the profile's")
-    p.add_argument(
-        "--goal",
-        nargs=3,
-        type=float,
-        metavar=("X", "Y", "YAW"),
-        help="goal of the route [m, m, rad]; default: where the ego's log ends",
-    )
     p.add_argument("command", nargs="*", metavar="COMMAND", help="after --: command that starts Autoware")
     return p
 
@@ -58,7 +51,7 @@ def main(argv: list[str] | None = None) -> int:
 
     sys.argv[1:] = []  # read by rclpy's initialisation
     with process():
-        node = AutowareNode(profile, tuple(arguments.goal) if arguments.goal else None)
+        node = AutowareNode(profile)
         executor = executor_of(node)
         stack = subprocess.Popen(arguments.command) if arguments.command else None
         try:

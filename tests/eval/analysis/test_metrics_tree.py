@@ -9,6 +9,8 @@ import pytest
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.analysis.metrics_tree import find_field, leaves, metric_fields
 from litsim_sim.core.scene import Controller
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.mission import Mission
 from litsim_sim.scenario.scenario import packaged
 from litsim_sim.scenario.signals import Signals
 
@@ -31,7 +33,10 @@ def metrics(table: Make, make_run: Make) -> dict[str, Any]:
     times = {"policy": dict.fromkeys(range(61), 0.002)}
     net_xml = packaged("nets/us101_like.net.xml").read_bytes()
     signals = Signals(("1",), (), np.empty(0, np.int64), np.zeros((1, 61), np.uint8))
-    return compute_metrics(make_run(tables, log, timing=times, net_xml=net_xml, signals=signals))
+    lanes = len(LaneMap.from_net(packaged("nets/us101_like.net.xml")).lanes)
+    mission = Mission(np.zeros((2, 2)), np.zeros(3), np.ones(lanes, np.bool_), np.zeros(lanes))
+    given = {"timing": times, "net_xml": net_xml, "signals": signals, "mission": mission}
+    return compute_metrics(make_run(tables, log, **given))
 
 
 def test_every_leaf_of_a_run_is_a_field_of_its_kind(metrics: dict[str, Any]) -> None:

@@ -104,9 +104,10 @@ def test_universe_and_real_time(graph: Any, ego: str, mode: str, stack: tuple[st
 @with_types
 def test_a_trajectory_is_followed_and_the_adapter_may_be_started_by_hand(graph: Any) -> None:
     bag = graph.folder / "run"
-    setup = ("--scenario", graph.scenario(), "--policy", "replay", "--out", bag, "--set", "bridge.clock=false")
+    scenario = graph.scenario(goal=[120.0, -5.5, 0.0])
+    setup = ("--scenario", scenario, "--policy", "replay", "--out", bag, "--set", "bridge.clock=false")
     program = Path(get_package_prefix("litsim_autoware")) / "lib/litsim_autoware/autoware"
-    adapter = (program, "--answers", "trajectory", "--goal", 120.0, -5.5, 0.0)
+    adapter = (program, "--answers", "trajectory")
     done = graph.launch("--ego", "external", *setup, "--", *adapter, "--", sys.executable, STAND_IN)
     assert done.returncode == 0, done.stderr + (bag / "log/ads.log").read_text()
     port = json.loads((bag / "metrics.json").read_text())["lockstep"]["ego_port"]

@@ -53,7 +53,9 @@ def test_an_example_passes(graph: Any) -> None:
     clauses = result["clauses"]
     assert list(clauses["discovery"]["publishers_s"]) == ["/litsim/ego/trajectory"]
     # what has been found of it by the end of so short a run
-    reads = {f"/litsim/{name}" for name in ("ego/footprint", "ego/route", "ego/state", "lanes", "lights", "objects")}
+    reads = {
+        f"/litsim/{name}" for name in ("ego/footprint", "ego/route", "ego/state", "lanes/table", "lights", "objects")
+    }
     reads |= {"/diagnostics"}
     assert clauses["discovery"]["reads"] and set(clauses["discovery"]["reads"]) <= reads
     assert (clauses["answers every step"]["steps"], clauses["answers every step"]["missing"]) == (36, [])

@@ -12,6 +12,7 @@ from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.vehicle import VehicleGeometry
 from litsim_sim.ros.topics import RUN_INFO
+from litsim_sim.scenario.mission import Mission, ego_mission
 from litsim_sim.scenario.perception import Perception
 from litsim_sim.scenario.scenario import Scenario
 
@@ -27,6 +28,7 @@ class AnnouncedRun:
         time_factor: simulation time per wall time.
         topics: names of the topics of its graph.
         scenario: what is simulated.
+        mission: where the ego is to drive.
         perception: what the ego is told of other agents.
         geometry: sizes of the ego.
     """
@@ -37,6 +39,7 @@ class AnnouncedRun:
     time_factor: float
     topics: frozenset[str]
     scenario: Scenario
+    mission: Mission
     perception: Perception
     geometry: VehicleGeometry
 
@@ -52,6 +55,7 @@ class AnnouncedRun:
             time_factor=float(bridge.get("real_time_factor", 1.0)),
             topics=frozenset(info.topics),
             scenario=scenario,
+            mission=ego_mission(scenario),
             perception=Perception(scenario),
             geometry=VehicleGeometry.of(scenario.log.table(0), int(info.ego_id), scenario.vehicle),
         )
@@ -64,10 +68,3 @@ class AnnouncedRun:
         """Returns the agents of `table` but the ego, as the ego perceives them."""
         perceived = self.perception.of(table)
         return perceived.take(perceived.id != self.ego_id)
-
-    def log_end(self) -> tuple[float, float, float]:
-        """Returns the pose of the ego's box centre where its log ends [m, m, rad]."""
-        log = self.scenario.log
-        table = log.table(min(int(log.last_step[log.ids == self.ego_id][0]), self.scenario.total_steps))
-        row = table.row(self.ego_id)
-        return float(table.x[row]), float(table.y[row]), float(table.yaw[row])

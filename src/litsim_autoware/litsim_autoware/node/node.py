@@ -35,10 +35,10 @@ class AutowareNode(Node):
         finished: whether the run is over.
     """
 
-    def __init__(self, profile: Profile, goal: tuple[float, float, float] | None = None) -> None:
-        """Make the node; `goal` is a pose of the box centre [m, m, rad], by default the last pose of the ego's log."""
+    def __init__(self, profile: Profile) -> None:
+        """Make the node."""
         super().__init__(NODE)
-        self._goal, self.finished = goal, False
+        self.finished = False
         self._run: AnnouncedRun | None = None
         self._table: AgentTable | None = None
         self._shown = -1  # newest step that was published
@@ -128,10 +128,7 @@ class AutowareNode(Node):
         run = self._run = AnnouncedRun.of(info)
         self._surroundings.begin_run(run)
         self._answers.begin_run(run)
-        lever = run.geometry.rear_axle_to_centre
-        self._preparation.begin_run(
-            self._goal or run.log_end(), lever, lambda: run.rear_axle(self._table) if self._table else None
-        )
+        self._preparation.begin_run(run, lambda: run.rear_axle(self._table) if self._table else None)
         self._ego.begin_run(run.geometry)
 
     def _on_agents(self, message: AgentStates) -> None:

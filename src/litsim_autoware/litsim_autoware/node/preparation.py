@@ -15,9 +15,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from litsim_autoware.messages.vehicle import RearAxle
+from litsim_autoware.node.announced_run import AnnouncedRun
 from litsim_autoware.node.clock import StackClock
 from litsim_autoware.stack.profile import TRAJECTORY, Profile
 from litsim_autoware.stack.start_up import Call, StartUp
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.ros import messages
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -43,15 +45,11 @@ class Preparation:
             if topic
         ]
 
-    def begin_run(self, goal: tuple[float, float, float], lever: float, ego: Callable[[], RearAxle | None]) -> None:
-        """Begin to call the services.
-
-        Args:
-            goal: pose of the box centre to drive to [m, m, rad].
-            lever: from the rear axle to the box centre [m].
-            ego: tells where the ego is.
-        """
-        self._start_up = StartUp(self._calls(_behind(goal, lever), ego))
+    def begin_run(self, run: AnnouncedRun, ego: Callable[[], RearAxle | None]) -> None:
+        """Begin to call the services, with the mission of `run`; `ego` tells where the ego is."""
+        mission, lever = run.mission, run.geometry.rear_axle_to_centre
+        goal, *waypoints = (_behind(pose, lever) for pose in [mission.goal, *mission.waypoints(run.scenario.lane_map)])
+        self._start_up = StartUp(self._calls(goal, waypoints, ego))
         for publisher, message in self._latched:
             message.stamp = Clock().clock
             publisher.publish(message)
@@ -73,7 +71,7 @@ class Preparation:
             topic = profile.trajectory if profile.answers == TRAJECTORY else profile.control
             self._node.get_logger().info(f"waiting for {self._start_up.waiting or f'a message on {topic}'}")
 
-    def _calls(self, goal: Pose, ego: Callable[[], RearAxle | None]) -> dict[str, Call]:
+    def _calls(self, goal: Pose, waypoints: list[Pose], ego: Callable[[], RearAxle | None]) -> dict[str, Call]:
         def initialize() -> InitializeLocalization.Request:
             pose = PoseWithCovarianceStamped(header=self._header())
             if (motion := ego()) is not None:
@@ -83,7 +81,10 @@ class Preparation:
         kinds: dict[str, tuple[Any, Callable[[], Any]]] = {
             "initialize": (InitializeLocalization, initialize),
             "clear_route": (ClearRoute, ClearRoute.Request),
-            "set_route": (SetRoutePoints, lambda: SetRoutePoints.Request(header=self._header(), goal=goal)),
+            "set_route": (
+                SetRoutePoints,
+                lambda: SetRoutePoints.Request(header=self._header(), goal=goal, waypoints=waypoints),
+            ),
             "engage": (ChangeOperationMode, ChangeOperationMode.Request),
         }
         calls = {}
@@ -100,17 +101,16 @@ class Preparation:
         return header
 
 
-def _behind(centre: tuple[float, float, float], lever: float) -> Pose:
-    """The pose of a rear axle, `lever` metres behind the pose of a box centre [m, m, rad]."""
-    x, y, yaw = centre
+def _behind(centre: FloatArray, lever: float) -> Pose:
+    """The pose of a rear axle, `lever` metres behind the pose (3,) of a box centre [m, m, rad]."""
+    x, y, yaw = centre.tolist()
     return _pose(x - lever * cos(yaw), y - lever * sin(yaw), yaw)
 
 
 def _pose(x: float, y: float, yaw: float) -> Pose:
     """The message of a pose in the plane [m, m, rad]."""
     pose = Pose()
-    pose.position.x, pose.position.y = x, y
-    pose.orientation.z, pose.orientation.w = sin(0.5 * yaw), cos(0.5 * yaw)
+    messages.place_at(pose, x, y, yaw)
     return pose
 
 

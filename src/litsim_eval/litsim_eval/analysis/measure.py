@@ -197,6 +197,7 @@ class Measure:
         sentence: what happened in a run that misses a criterion, from value, limits as text, and metrics; None for one
             of title, value and unit.
         moments: steps at which the ego does what counts against it, for marks on the time line.
+        missing: why a run may have no value, as a sentence for criteria that need one.
     """
 
     name: str
@@ -211,6 +212,7 @@ class Measure:
     rows: tuple[Row, ...] = ()
     sentence: Callable[[Any, str, Metrics], str] | None = None
     moments: Callable[[Run, Metrics], Iterable[Span]] | None = None
+    missing: str = ""
 
     def of(self, run: Run) -> Any:
         """Returns the value of a recorded run."""

@@ -21,9 +21,11 @@ from litsim_eval.analysis.measures import (
     fault,
     identity,
     lockstep,
+    mission,
     progress,
     reactsim,
     realism,
+    road_rules,
     safety,
     signals,
     sim_agents,
@@ -44,6 +46,8 @@ FAMILIES: dict[str, tuple[Measure, ...]] = {
     "collisions": fault.MEASURES,
     "displacement": displacement.MEASURES,
     "ego": ego.MOTION,
+    "mission": mission.MEASURES,
+    "rules": road_rules.MEASURES,
     "progress": progress.MEASURES,
     "takeovers": takeover.MEASURES,
     "safety": safety.MEASURES,
@@ -60,7 +64,7 @@ FAMILIES: dict[str, tuple[Measure, ...]] = {
     "world": identity.WORLD,
 }
 """The measures of this package in the order of `metrics.json`; those of validity come last."""
-NULLABLE = ("ended", "comfort.ego", "realism", "sim_agents", "signals")
+NULLABLE = ("ended", "mission", "rules", "comfort.ego", "realism", "sim_agents", "signals")
 """Branches that are null where there is nothing to measure in them."""
 
 BY_STEP = (displacement.displacements, realism.naturalness)

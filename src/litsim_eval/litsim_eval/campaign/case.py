@@ -30,6 +30,9 @@ NOT_OF_THE_RESULT = ("commit",)
 OF_NO_RUN = {"name", "description", "ego", "egos", "tuning", "seed", "draw", "end_after_contact_s"}
 """Fields of a scenario that do not affect its runs, or that a case states itself."""
 
+SINCE = ("changes", "goal")
+"""Fields of a scenario that older versions did not have: left out where unset, so that identities stay the same."""
+
 ExecutionMode = Literal["graph", "process"]
 GRAPH: ExecutionMode = "graph"
 PROCESS: ExecutionMode = "process"
@@ -302,7 +305,8 @@ def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
     except InputError as error:
         raise InputError(": ".join(filter(None, (entry.place, str(error))))) from error
     file = scenario.file
-    content = file.model_dump(mode="json", exclude=OF_NO_RUN | (set() if file.changes else {"changes"}))
+    unset = {name for name in SINCE if not getattr(file, name)}
+    content = file.model_dump(mode="json", exclude=OF_NO_RUN | unset)
     files = {field: Path(getattr(file, field)) for field in ("recording", "net")}
     content |= {field: [path.name, file_digest(path)] for field, path in files.items()}
     return [_Road(entry, ego_id, scenario.seed, file.draw, file.end_after_contact_s, content) for ego_id in egos]

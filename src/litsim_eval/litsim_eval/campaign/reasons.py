@@ -20,7 +20,7 @@ def what_happened(field: str, value: Any, limit: str, metrics: Metrics) -> str:
     """
     measure = measures_by_field().get(field)
     if measure is None or value is None:
-        return ""
+        return "" if measure is None else measure.missing
     with suppress(KeyError, TypeError, ValueError):  # of measures by an earlier version
         if measure.sentence is not None:
             return measure.sentence(value, limit, metrics)

@@ -13,6 +13,7 @@ import yaml
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.record.run import Detection, RunInfo, Status
 from litsim_sim.record.run import Run as RecordedRun
+from litsim_sim.scenario.mission import ego_mission
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.simulation import Driver, Simulation, Step
 
@@ -94,4 +95,5 @@ def as_recorded(plan: RunPlan, results: Sequence[Step], summary: Mapping[str, An
         scenario_yaml=info.scenario_yaml,
         net_xml=scenario.net_path.read_bytes(),
         signals=scenario.signals,
+        mission=ego_mission(scenario),
     )

@@ -1,4 +1,4 @@
-"""Succession of lanes: straightest successors, and directly linked lanes."""
+"""Succession of lanes: straightest successors, directly linked lanes, and speed limits within junctions."""
 
 from __future__ import annotations
 
@@ -36,6 +36,28 @@ def straightest_successors(lanes: Sequence[Lane]) -> list[int | None]:
         return row[min(lane.successors, key=turn)] if lane.successors else None
 
     return [successor(lane) for lane in lanes]
+
+
+def legal_limits(lanes: Sequence[Lane]) -> FloatArray:
+    """Returns the speed limits (lanes,) [m/s]; inside a junction the higher one of the lanes before and after it.
+
+    SUMO's own limits there are speeds at which its vehicles turn.
+    """
+    row = {lane.id: index for index, lane in enumerate(lanes)}
+    limits = np.array([0.0 if lane.is_internal else lane.speed_limit for lane in lanes])
+    for begin in lanes:
+        if not begin.is_internal:
+            ahead: list[tuple[str, tuple[str, ...]]] = [(name, ()) for name in begin.successors]
+            while ahead:
+                name, passed = ahead.pop()
+                lane = lanes[row[name]]
+                if lane.is_internal and name not in passed:
+                    ahead += [(following, (*passed, name)) for following in lane.successors]
+                else:
+                    for inside in passed:
+                        higher = max(begin.speed_limit, lane.speed_limit)
+                        limits[row[inside]] = max(limits[row[inside]], higher)
+    return np.where(limits > 0.0, limits, [lane.speed_limit for lane in lanes])
 
 
 def _heading(lane: Lane, segment: int) -> FloatArray:

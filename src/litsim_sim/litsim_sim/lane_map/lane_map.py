@@ -16,7 +16,7 @@ import numpy as np
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import Floats, Ints
-from litsim_sim.lane_map.lane_graph import directly_linked, straightest_successors
+from litsim_sim.lane_map.lane_graph import directly_linked, legal_limits, straightest_successors
 from litsim_sim.lane_map.net_ends import NetEnds
 from litsim_sim.lane_map.net_lanes import LEVEL, TOLERANCE, Lane, read_lanes
 from litsim_sim.lane_map.segment_grid import (
@@ -99,6 +99,11 @@ class LaneMap:
 
         return Levels(self.lanes)
 
+    @cached_property
+    def speed_limits(self) -> FloatArray:
+        """(lanes,) speed limits [m/s]; within junctions the higher one of the lanes before and after (nuPlan)."""
+        return legal_limits(self.lanes)
+
     @classmethod
     def from_net(cls, path: Path) -> LaneMap:
         """Read a SUMO net; raises InputError if the file is missing, is no SUMO net, or holds no lanes."""
@@ -177,13 +182,21 @@ class LaneMap:
         keep = np.concatenate([[True], np.hypot(*np.diff(path, axis=0).T) > TOLERANCE])
         return cast(FloatArray, path[keep])
 
+    def lanes_from(self, lane_index: int, s: float, length: float, route: Collection[str] = ()) -> list[int]:
+        """Returns the positions of the lanes that :meth:`path_from` takes, in order."""
+        lanes, left = [lane_index], length - (self.lanes[lane_index].length - s)
+        while left > 0.0 and (following := self._following(lanes[-1], route)) is not None:
+            lanes.append(following)
+            left -= self.lanes[following].length
+        return lanes
+
     def _following(self, lane: int, route: Collection[str]) -> int | None:
         """Returns the successor of a lane, both by position, that a path along the edges `route` takes."""
         straightest = self._straightest[lane]
         successors = [] if straightest is None else [self._row[name] for name in self.lanes[lane].successors]
-        return next((row for row in (straightest, *successors) if self._leads_to(row, route)), straightest)
+        return next((row for row in (straightest, *successors) if self.leads_to(row, route)), straightest)
 
-    def _leads_to(self, lane: int | None, edges: Collection[str]) -> bool:
+    def leads_to(self, lane: int | None, edges: Collection[str]) -> bool:
         """Returns whether the first edge outside junctions from the lane at position `lane` on is one of `edges`."""
         if lane is not None and self.lanes[lane].is_internal:
             lane, _ = self.road_ahead(lane)

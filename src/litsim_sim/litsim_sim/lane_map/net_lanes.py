@@ -22,6 +22,7 @@ UNREADABLE = (SAXException, OSError, KeyError, ValueError, AttributeError, TypeE
 
 MOST_KM2 = 2000  # of the rectangle around a net, whose lookup grid then takes about 1 GB
 TOLERANCE = 1e-3  # [m] coordinates of a net are rounded to this
+STOP_SIGNS = ("s", "w")  # SUMO's states of connections: stop, and stop on all ways
 LEVEL = 3.0  # [m] of height between lanes that cross, from which on one passes over the other
 
 
@@ -41,6 +42,7 @@ class Lane:
         left, right: ids of the neighbours in the same edge, None at its borders.
         is_internal: inside a junction.
         heights: (k,) of the vertices [m]; None for a flat net.
+        stops: ids of those successors before which a stop sign stands.
     """
 
     id: str
@@ -56,6 +58,7 @@ class Lane:
     right: str | None
     is_internal: bool
     heights: FloatArray | None = None
+    stops: tuple[str, ...] = ()
 
 
 def lanes_from_left(lanes: Sequence[Lane]) -> list[int]:
@@ -163,10 +166,11 @@ def _lane(lane: Any, left_hand: bool, path: Path) -> Lane:
     index = from_right.index(lane)
     beside = {place: other.getID() for place, other in enumerate(from_right) if _drivable(other)}
     following = {
-        connection.getViaLaneID() or connection.getToLane().getID()
+        connection.getViaLaneID() or connection.getToLane().getID(): connection.getState()
         for connection in lane.getOutgoing()
         if _drivable(connection.getToLane())
     }
+    inside = lane.getID().startswith(":")
     return Lane(
         id=lane.getID(),
         edge_id=edge.getID(),
@@ -179,6 +183,7 @@ def _lane(lane: Any, left_hand: bool, path: Path) -> Lane:
         successors=tuple(sorted(following)),
         left=beside.get(index + 1),
         right=beside.get(index - 1),
-        is_internal=lane.getID().startswith(":"),
+        is_internal=inside,
         heights=heights if heights.any() else None,
+        stops=() if inside else tuple(sorted(name for name, state in following.items() if state in STOP_SIGNS)),
     )

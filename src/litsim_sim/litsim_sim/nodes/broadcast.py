@@ -16,7 +16,7 @@ from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.stages import RECORDER
 from litsim_sim.core.vehicle import VehicleGeometry
 from litsim_sim.nodes.step_clock import StepClock
-from litsim_sim.ros import frames, messages, standard
+from litsim_sim.ros import frames, lane_clouds, messages, standard
 from litsim_sim.ros.endpoints import publisher_on
 from litsim_sim.ros.frames import FrameBroadcaster
 from litsim_sim.ros.topics import (
@@ -26,10 +26,13 @@ from litsim_sim.ros.topics import (
     EGO_APPLIED,
     EGO_CONTROL,
     EGO_FOOTPRINT,
+    EGO_GOAL,
     EGO_ROUTE,
     EGO_STATE,
     EGO_VEHICLE,
     FORECASTS,
+    LANE_LINKS,
+    LANE_TABLE,
     LANES,
     LIGHT_MARKERS,
     LIGHTS,
@@ -40,17 +43,17 @@ from litsim_sim.ros.topics import (
     TAKEOVERS,
     Topic,
 )
+from litsim_sim.scenario.mission import ego_mission
 from litsim_sim.scenario.perception import Perception
-from litsim_sim.scenario.route import ego_route
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, versions
 from litsim_sim.scenario.scenario import Scenario
 
 IF_HEARD = (OBJECTS, LIGHTS, LIGHT_MARKERS)
 """Published after step 0 only while somebody listens."""
-PUBLISHED = (RUN_INFO, CLOCK, AGENTS, EGO_STATE, *IF_HEARD, EGO_ROUTE, EGO_VEHICLE, EGO_FOOTPRINT, LANES)
+OF_EGO = (EGO_STATE, EGO_ROUTE, EGO_GOAL, EGO_VEHICLE, EGO_FOOTPRINT)
+PUBLISHED = (RUN_INFO, CLOCK, AGENTS, *OF_EGO, *IF_HEARD, LANES, LANE_TABLE, LANE_LINKS)
 PUBLISHED_OF_SIGNALS = (SIGNAL_MAP, SIGNALS)
 """Published in addition if the scenario has signals."""
-ROUTE_LENGTH = 1000.0  # [m] length of the ego's route
 
 
 class Broadcast:
@@ -78,14 +81,18 @@ class Broadcast:
     def begin(self, info: RunInfo) -> None:
         """Publish the messages for the whole run."""
         self._publishers[RUN_INFO].publish(info)
-        route = ego_route(self._plan.scenario, ROUTE_LENGTH)
-        self._publishers[EGO_ROUTE].publish(messages.route_path(route, 0))
-        self._publishers[EGO_VEHICLE].publish(frames.vehicle_table(self._geometry, self._plan.scenario.vehicle))
+        scenario = self._plan.scenario
+        mission, lane_map, signals = ego_mission(scenario), scenario.lane_map, scenario.signals
+        self._publishers[EGO_ROUTE].publish(messages.route_path(mission.route, 0))
+        self._publishers[EGO_GOAL].publish(lane_clouds.goal_pose(mission))
+        self._publishers[EGO_VEHICLE].publish(frames.vehicle_table(self._geometry, scenario.vehicle))
         self._publishers[EGO_FOOTPRINT].publish(frames.footprint(self._geometry))
         if self._frames:
             self._frames.begin()
-        self._publishers[LANES].publish(standard.lanes(self._plan.scenario.lane_map))
-        if (signals := self._plan.scenario.signals) is not None:
+        self._publishers[LANES].publish(standard.lanes(lane_map))
+        self._publishers[LANE_TABLE].publish(lane_clouds.lane_table(lane_map, mission))
+        self._publishers[LANE_LINKS].publish(lane_clouds.lane_links(lane_map, signals.links if signals else ()))
+        if signals is not None:
             self._publishers[SIGNAL_MAP].publish(messages.signal_map_to_message(signals, self._plan.run_id))
 
     def show(self, table: AgentTable) -> None:

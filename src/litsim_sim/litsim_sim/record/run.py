@@ -28,6 +28,9 @@ from litsim_sim.core.topic_names import (
     CONTROLS,
     EGO_APPLIED,
     EGO_CONTROL,
+    EGO_GOAL,
+    EGO_ROUTE,
+    LANE_TABLE,
     RUN_INFO,
     SIGNAL_MAP,
     SIGNALS,
@@ -38,15 +41,18 @@ from litsim_sim.core.topic_names import (
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.lane_map.signal_links import ARROW, SignalLink
 from litsim_sim.record.bag import BagReader, BagTopic
-from litsim_sim.record.decoding import UNDECODABLE, decoded
+from litsim_sim.record.decoding import UNDECODABLE, cloud_columns, decoded
 from litsim_sim.record.failure import read_failure
 from litsim_sim.record.seal import RunFacts, Seal, read_seal
 from litsim_sim.scenario.log import logged_steps
+from litsim_sim.scenario.mission import Mission
 from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.signals import Signals
 
 DECODED = (RUN_INFO, AGENTS, SIGNAL_MAP, SIGNALS, TAKEOVERS, CONTROLS, EGO_CONTROL, EGO_APPLIED, STATUS, TIMING)
 """Topics whose messages are decoded; only the log times of others are used."""
+OF_MISSION = (EGO_ROUTE, EGO_GOAL, LANE_TABLE)
+"""Topics with the mission of the ego, which are decoded if a run has all of them: earlier versions had the first."""
 OF_POLICY = (TAKEOVERS, CONTROLS)
 """Decoded topics that only a run with a policy has."""
 
@@ -150,6 +156,7 @@ class Run:
         scenario_yaml: the resolved scenario.
         net_xml: the SUMO net, or empty.
         signals: states of the signals; None if the scenario has none.
+        mission: mission of the ego; None if it is not recorded, as by earlier versions.
         gaps: gaps by topic, for topics that must hold one message for every step; empty entries for those without gaps.
         complete: whether the recorder closed the file.
         problem: why the file is incomplete; empty for a complete one.
@@ -173,6 +180,7 @@ class Run:
     scenario_yaml: str = ""
     net_xml: bytes = b""
     signals: Signals | None = None
+    mission: Mission | None = None
     gaps: dict[str, TopicGaps] = field(default_factory=dict)
     complete: bool = True
     problem: str = ""
@@ -281,7 +289,9 @@ def read_run(path: Path) -> Run:
     for message in reader.messages():
         topic = reader.topics[message.topic]
         try:
-            if message.topic in DECODED:
+            if message.topic in OF_MISSION:
+                content.mission.setdefault(message.topic, decoded(topic, message.data))
+            elif message.topic in DECODED:
                 content.take(message.topic, message.data)
             elif topic.type_name == MINIMUM_RISK_TYPE:
                 content.take_minimum_risk(message.log_time_ns, decoded(topic, message.data).state)
@@ -308,6 +318,7 @@ def read_run(path: Path) -> Run:
         scenario_yaml=scenario_yaml,
         net_xml=reader.attachments.get(NET_FILE, b""),
         signals=content.signals,
+        mission=_mission(content.mission),
         gaps={topic: TopicGaps.find(content.steps(topic), content.last_step) for topic in info.topics},
         complete=reader.complete,
         problem=reader.problem,
@@ -324,6 +335,7 @@ class _Content:
         self.info: RunInfo | None = None
         self.tables = StepsBuilder()
         self.minimum_risk: dict[int, int] = {}
+        self.mission: dict[str, Any] = {}
         self.statuses: list[Status] = []
         self._topics = topics
         self._file = SpooledTemporaryFile(SPOOLED_BYTES)  # noqa: SIM115 - closed with the views of it
@@ -443,6 +455,23 @@ def _signal_link(message: Any) -> SignalLink:
         width=message.width,
         exit=np.array([leave.x, leave.y]),
         exit_heading=leave.theta,
+    )
+
+
+def _mission(messages: Mapping[str, Any]) -> Mission | None:
+    """Returns the mission by its messages; None unless all are there."""
+    if messages.keys() != {*OF_MISSION}:
+        return None
+    route, goal, lanes = (messages[topic] for topic in OF_MISSION)
+    points = cloud_columns(lanes)
+    ends = [stamped.pose for stamped in (*route.poses, goal)]
+    places = np.array([(pose.position.x, pose.position.y) for pose in ends])
+    yaw = 2.0 * np.arctan2(goal.pose.orientation.z, goal.pose.orientation.w)
+    return Mission(
+        places[:-1],
+        np.append(places[-1], yaw),
+        points["on_route"].astype(np.bool_),
+        points["entered"].astype(np.float64),
     )
 
 

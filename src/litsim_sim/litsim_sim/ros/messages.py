@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Pose2D, PoseStamped
+from geometry_msgs.msg import Pose, Pose2D, PoseStamped
 from litsim_msgs.msg import AgentStates, Controls, EgoControl, SignalLink, SignalMap, SignalStates, StageStatus
 from nav_msgs.msg import Odometry, Path
 from std_msgs.msg import Header
@@ -124,9 +124,8 @@ def ego_odometry(table: AgentTable, ego_id: int) -> Odometry:
     message = Odometry(header=header(table.step), child_frame_id="ego")
     row = table.row(ego_id)
     if row >= 0:
-        pose, twist = message.pose.pose, message.twist.twist
-        pose.position.x, pose.position.y = float(table.x[row]), float(table.y[row])
-        pose.orientation.z, pose.orientation.w = _quaternion(float(table.yaw[row]))
+        twist = message.twist.twist
+        place_at(message.pose.pose, float(table.x[row]), float(table.y[row]), float(table.yaw[row]))
         twist.linear.x, twist.angular.z = float(table.speed[row]), float(table.yaw_rate[row])
     return message
 
@@ -137,8 +136,7 @@ def route_path(points: FloatArray, step: int) -> Path:
     direction = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
     for (x, y), yaw in zip(points.tolist(), np.arctan2(direction[:, 1], direction[:, 0]).tolist(), strict=True):
         pose = PoseStamped(header=message.header)
-        pose.pose.position.x, pose.pose.position.y = x, y
-        pose.pose.orientation.z, pose.pose.orientation.w = _quaternion(yaw)
+        place_at(pose.pose, x, y, yaw)
         message.poses.append(pose)
     return message
 
@@ -156,6 +154,7 @@ def _pose(place: FloatArray, heading: float) -> Pose2D:
     return Pose2D(x=float(place[0]), y=float(place[1]), theta=float(heading))
 
 
-def _quaternion(yaw: float) -> tuple[float, float]:
-    """Components z and w of the quaternion of a rotation by `yaw` [rad] about the vertical."""
-    return float(np.sin(0.5 * yaw)), float(np.cos(0.5 * yaw))
+def place_at(pose: Pose, x: float, y: float, yaw: float) -> None:
+    """Set a pose in the plane: `x`, `y` [m], `yaw` [rad]."""
+    pose.position.x, pose.position.y = x, y
+    pose.orientation.z, pose.orientation.w = float(np.sin(0.5 * yaw)), float(np.cos(0.5 * yaw))

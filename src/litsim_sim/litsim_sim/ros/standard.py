@@ -47,7 +47,7 @@ _DATATYPES = {
     "<u4": PointField.UINT32,
     "|u1": PointField.UINT8,
 }
-_NO_LANE = 0xFFFFFFFF
+NONE = 0xFFFFFFFF  # of numbers in clouds: there is no such lane or light
 _COARSE = 0.01  # [m] rounding of x and y from which on x64 and y64 are needed
 _ID_MASK = 0xFFFFFFFF  # PointCloud2 has no 64-bit integers
 _CENTRE = ColorRGBA(r=0.55, g=0.55, b=0.6, a=0.6)
@@ -84,7 +84,7 @@ def objects(table: AgentTable, ego_id: int) -> PointCloud2:
     points["id"] = table.id[others] & _ID_MASK
     yaw, speed = table.yaw[others], table.speed[others]
     points["vx"], points["vy"] = speed * np.cos(yaw), speed * np.sin(yaw)
-    return _cloud(table.step, points)
+    return cloud(table.step, points)
 
 
 def lights(step: int, signals: Signals | None, lane_map: LaneMap) -> PointCloud2:
@@ -104,8 +104,8 @@ def lights(step: int, signals: Signals | None, lane_map: LaneMap) -> PointCloud2
             point["x"], point["y"] = point["x64"], point["y64"] = link.stop
             point["yaw"], point["width"] = link.heading, link.width
             point["exit_x64"], point["exit_y64"] = link.exit
-            point["lane"], point["to_lane"] = (number.get(lane, _NO_LANE) for lane in (link.from_lane, link.to_lane))
-    return _cloud(step, points)
+            point["lane"], point["to_lane"] = (number.get(lane, NONE) for lane in (link.from_lane, link.to_lane))
+    return cloud(step, points)
 
 
 def light_markers(step: int, signals: Signals | None) -> MarkerArray:
@@ -126,7 +126,7 @@ def light_markers(step: int, signals: Signals | None) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
-def _cloud(step: int, points: np.ndarray[Any, Any]) -> PointCloud2:
+def cloud(step: int, points: np.ndarray[Any, Any]) -> PointCloud2:
     """Returns a structured array (n,) as a cloud with a field for each of its fields but padding, in frame map."""
     layout = points.dtype
     fields = [

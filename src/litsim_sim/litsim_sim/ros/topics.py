@@ -1,7 +1,7 @@
 """Topics with their types and QoS; names are defined in :mod:`litsim_sim.core.topic_names`.
 
 All topics are RELIABLE. Those of the loop are VOLATILE with a depth that outlasts the window by which the bridge
-may run ahead of the recorder; run information, route and lanes are latched (TRANSIENT_LOCAL).
+may run ahead of the recorder; run information, mission and lanes are latched (TRANSIENT_LOCAL).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PolygonStamped, TwistStamped
+from geometry_msgs.msg import PolygonStamped, PoseStamped, TwistStamped
 from litsim_msgs.msg import (
     AgentStates,
     Controls,
@@ -72,6 +72,7 @@ CLOCK = Topic(topic_names.CLOCK, Clock)
 AGENTS = Topic(topic_names.AGENTS, AgentStates)
 EGO_STATE = Topic(topic_names.EGO_STATE, Odometry)
 EGO_ROUTE = Topic(topic_names.EGO_ROUTE, Path, latched=True)
+EGO_GOAL = Topic(topic_names.EGO_GOAL, PoseStamped, latched=True)
 EGO_VEHICLE = Topic(topic_names.EGO_VEHICLE, DiagnosticArray, latched=True)
 EGO_FOOTPRINT = Topic(topic_names.EGO_FOOTPRINT, PolygonStamped, latched=True)
 FORECASTS = Topic(topic_names.FORECASTS, JointForecast)
@@ -87,6 +88,8 @@ FRAMES = (TF, TF_STATIC) if TFMessage else ()
 
 OBJECTS = Topic(topic_names.OBJECTS, PointCloud2)
 LANES = Topic(topic_names.LANES, MarkerArray, latched=True)
+LANE_TABLE = Topic(topic_names.LANE_TABLE, PointCloud2, latched=True)
+LANE_LINKS = Topic(topic_names.LANE_LINKS, PointCloud2, latched=True)
 SIGNALS = Topic(topic_names.SIGNALS, SignalStates)
 SIGNAL_MAP = Topic(topic_names.SIGNAL_MAP, SignalMap, latched=True)
 LIGHTS = Topic(topic_names.LIGHTS, PointCloud2)
@@ -112,9 +115,12 @@ EGO_FEEDS = (
     EGO_STATE,
     OBJECTS,
     EGO_ROUTE,
+    EGO_GOAL,
     EGO_VEHICLE,
     EGO_FOOTPRINT,
     LANES,
+    LANE_TABLE,
+    LANE_LINKS,
     LIGHTS,
     LIGHT_MARKERS,
     SIGNALS,
@@ -138,7 +144,10 @@ RECORDED_TOPICS = (
     AGENTS,
     EGO_STATE,
     EGO_ROUTE,
+    EGO_GOAL,
     LANES,
+    LANE_TABLE,
+    LANE_LINKS,
     SIGNAL_MAP,
     SIGNALS,
     FORECASTS,

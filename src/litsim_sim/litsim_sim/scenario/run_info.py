@@ -91,7 +91,7 @@ class RunPlan:
         names = {name: Path(getattr(file, name)).name for name in ("recording", "net")}
         without = {"coverage_min"}  # affects whether a run is possible, not its result
         # left out at their defaults, so that runs of older versions keep their identities
-        new = ("vehicle", "end_after_contact_s", "changes", "draw")
+        new = ("vehicle", "end_after_contact_s", "changes", "draw", "goal")
         without |= {name for name in new if getattr(file, name) in ({}, [], None, 0)}
         described = file.model_copy(update=names).model_dump_json(exclude=without)
         described = f"{described}\n{self.ego}\n{self.policy}"

@@ -52,6 +52,8 @@ class ScenarioFile(BaseModel):
         history_s: recorded past before the ego is free [s]; at least one step, like `simulation_s`.
         simulation_s: simulated time after that [s]; cut at the end of the recording.
         ego: id of the vehicle that the driving system under test moves.
+        goal: pose at which the ego's box centre is to arrive, [x, y, yaw] in frame map [m, m, rad]; default: where its
+            log ends.
         egos: ids of the egos of experiments, one run each.
         tuning: ids of egos for tuning a system before such an experiment; disjoint from `egos`.
         roi_m: radius around the ego, and around every other agent off its log, within which agents are forecast and may
@@ -79,6 +81,7 @@ class ScenarioFile(BaseModel):
     history_s: Annotated[_Finite, Field(ge=STEP_S, le=DAY_S)] = 3.0
     simulation_s: Annotated[_Finite, Field(ge=STEP_S, le=DAY_S)] = 25.0
     ego: int
+    goal: Annotated[list[_Finite], Field(min_length=3, max_length=3)] | None = None
     egos: list[int] = []
     tuning: list[int] = []
     roi_m: Annotated[_Finite, Field(gt=0)] = 30.0
