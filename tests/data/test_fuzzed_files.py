@@ -18,6 +18,7 @@ import made_openscenario as made
 import made_published
 import made_sources
 from litsim_data.maps.lanelet2_osm import read_graph
+from litsim_data.maps.opendrive_lanes import read_lanes
 from litsim_data.maps.opendrive_roads import Roads
 from litsim_data.ngsim.sites import US101
 from litsim_data.sources.openscenario.source import OpenScenario
@@ -235,6 +236,10 @@ def tracks_of(path: Path) -> Any:
 
 READERS: dict[str, tuple[Callable[[Path], str], Callable[[Path], Any]]] = {
     "made.xosc": (scenario_text, tracks_of),
+    "both.xodr": (
+        lambda _: made_sources.opendrive().replace("</OpenDRIVE>", made_sources.opendrive(' rule="LHT"')[11:]),
+        lambda path: read_lanes(path).by_id,
+    ),
     "made.xodr": (lambda _: made_sources.opendrive(), lambda path: Roads(path).place(0.0, -1.75, 0.0)),
     "made.osm": (map_text, lambda path: read_graph(path, (49.0, 8.4)).by_id),
 }

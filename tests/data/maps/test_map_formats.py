@@ -458,6 +458,42 @@ def test_opendrive_of_left_hand_traffic(tmp_path: Path) -> None:
     assert notes == ["1 of 1 roads keep to the left by rule, but are read as keeping to the right"]
 
 
+def test_roads_of_opendrive_keep_to_the_side_of_their_own_rule(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two roads of the left rule, the second of which goes on from the end of the first, and one of the right rule."""
+    linked = {
+        number: f'<link><{end} elementType="road" elementId="{other}" contactPoint="{at}"/></link>'
+        for number, end, other, at in ((1, "successor", 2, "start"), (2, "predecessor", 1, "end"))
+    }
+    inside = '<link><predecessor id="{id}"/><successor id="{id}"/></link><width'
+    lanes = {number: LANE.format(id=number).replace("<width", inside.format(id=number)) for number in (2, 1, -1, -2)}
+    sides = f"<left>{lanes[2]}{lanes[1]}</left><center/><right>{lanes[-1]}{lanes[-2]}</right>"
+    roads = "".join(
+        f'<road id="{number}" length="100" junction="-1" rule="{rule}">{linked.get(number, "<link/>")}<planView>'
+        f'<geometry s="0" x="{x}" y="{y}" hdg="0" length="100"><line/></geometry></planView><lanes>'
+        f'<laneSection s="0">{sides}</laneSection></lanes></road>'
+        for number, rule, x, y in ((1, "LHT", 0, 0), (2, "LHT", 100, 0), (3, "RHT", 0, 50))
+    )
+    (tmp_path / "map.xodr").write_text(f"<OpenDRIVE>{roads}</OpenDRIVE>")
+    main(["map", "--opendrive", str(tmp_path / "map.xodr"), "--out", str(tmp_path / "a.net.xml")])
+    assert "2 of 3 roads keep to the left by rule, the others to the right" in capsys.readouterr().err
+    lane_map = LaneMap.from_net(tmp_path / "a.net.xml")
+    outer = [lane.centerline for lane in lane_map.lanes if not lane.is_internal]
+    ends = sorted(tuple(float(value) for value in np.round(line[[0, -1]].ravel(), 2)) for line in outer)
+    sides_of = {0.0: 1.0, 50.0: -1.0}  # where lanes lead along x, as seen from the reference line
+    expected = [
+        (x, y + side * left, x + 100.0, y + side * left) if along else (x + 100.0, y - side * left, x, y - side * left)
+        for x, y in ((0.0, 0.0), (100.0, 0.0), (0.0, 50.0))
+        for side in (sides_of[y],)
+        for left in (1.75, 5.25)
+        for along in (True, False)
+    ]
+    np.testing.assert_allclose(ends, sorted(expected), atol=0.02)
+    through = lane_map.path_from(lane_map.nearest(np.array([10.0]), np.array([1.75])).lane[0], 10.0, 150.0)
+    assert np.abs(through[:, 1] - 1.75).max() < 0.02 and through[-1, 0] > 150.0
+
+
 def test_an_openstreetmap_is_no_lanelet2_map(tmp_path: Path) -> None:
     pytest.importorskip("lanelet2")
     nodes = "".join(f'<node id="{n}" lat="49.00{n}" lon="8.4"/>' for n in (1, 2))

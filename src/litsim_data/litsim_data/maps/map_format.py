@@ -102,13 +102,15 @@ class OpenDrive(MapFormat):
     """OpenDRIVE maps, through netconvert, in the frame of the file.
 
     They describe roads by curves and lanes by polynomials along them, with signals, and roundings at junctions; all of
-    that netconvert has read for years. A reader to the lane graph would be longer than both others together.
+    that netconvert has read for years. Maps on whose roads traffic keeps to either side are read as a lane graph.
     """
 
     file, content = "F.xodr", "an OpenDRIVE map through netconvert"
 
     def write_net(self, path: Path, origin: tuple[float, float] | None, out: Path) -> list[str]:  # noqa: ARG002 - has its own frame
         """See :class:`MapFormat`."""
+        from litsim_data.maps.net_builder import write_graph
         from litsim_data.maps.netconvert import import_opendrive
+        from litsim_data.maps.opendrive_lanes import has_both_rules, read_lanes
 
-        return import_opendrive(path, out)
+        return [*write_graph(read_lanes(path), out).notes] if has_both_rules(path) else import_opendrive(path, out)

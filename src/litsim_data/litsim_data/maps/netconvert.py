@@ -94,7 +94,8 @@ def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) ->
     Args:
         source: the file.
         path: the net to write.
-        left_hand: whether traffic keeps to the left; None: as the attribute `rule` of most of its roads says.
+        left_hand: whether traffic keeps to the left; None: as the attribute `rule` of most of its roads says. Maps of
+            both rules are for :mod:`.opendrive_lanes`.
 
     Returns:
         Lines on what is not as the file says, and netconvert's warnings.

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -28,6 +28,7 @@ LONGEST = 1e5  # [m] of a road
 LARGEST = 1e9
 """Magnitude of numbers, at most."""
 ROUNDS = 4  # of projecting a point on a reference line
+SPEEDS = {"km/h": 1.0 / 3.6, "mph": 0.44704}
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 NO_LANES = {"none", "sidewalk", "walking", "curb", "border", "median", "restricted"}
 """Types of lanes that nobody drives along."""
@@ -110,6 +111,8 @@ class Road:
         offset: distance of the lanes' middle from the reference line.
         sections: ascending.
         before, after: what it begins and ends at.
+        junction: whether it connects others at a junction.
+        speed: speed limit at its beginning [m/s]; None where the map has none.
     """
 
     id: str
@@ -120,6 +123,8 @@ class Road:
     sections: list[Section]
     before: Link | None
     after: Link | None
+    junction: bool
+    speed: float | None
 
     def pose(self, s: float, t: float = 0.0) -> Pose:
         """Returns where the point `s` along the reference line and `t` to its left is [m], headed along the line."""
@@ -193,6 +198,10 @@ class Roads:
         root = read_plain_xml(path, "OpenDRIVE file")
         try:
             self.by_id = {road.id: road for road in map(_road, root.findall("road"))}
+            for element in unruled(root):
+                road = self.by_id[element.get("id", "")]
+                joined = self.by_id.get(road.before.id) if road.before else None
+                self.by_id[road.id] = replace(road, left_hand=road.left_hand if joined is None else joined.left_hand)
             self._connections = list(_connections(root))
             for road in self.by_id.values():
                 for piece in road.pieces:  # whose numbers are read where they are needed
@@ -235,45 +244,43 @@ class Roads:
         left = length
         while left > 0.0:
             section = road.section(s if forward else max(s - 1e-6, 0.0))
-            end = _end(road, section) if forward else section.s
+            end = end_of(road, section) if forward else section.s
             for along in _steps(s, end, left):
-                at = min(max(along, section.s), _end(road, section) - 1e-9)
+                at = min(max(along, section.s), end_of(road, section) - 1e-9)
                 found = road.middle(lane, at)
                 if found is None:
                     return np.array(poses).reshape(-1, 3)
                 x, y, ahead = road.pose(along, found[0] + (aside if forward else -aside))
                 poses.append((x, y, ahead if forward else ahead + math.pi))
             left -= max(abs(end - s), STEP)
-            onward = self._onward(road, lane, section, forward=forward)
-            if onward is None:
+            onward = self.onward(road, lane, section, forward=forward)
+            if not onward:
                 break
-            road, lane, s, forward = onward
+            road, lane, s, forward = onward[0]
         return np.array(poses).reshape(-1, 3)
 
-    def _onward(
-        self, road: Road, lane: int, section: Section, *, forward: bool
-    ) -> tuple[Road, int, float, bool] | None:
-        """Returns road, lane, beginning [m] and direction of what follows a lane of a section; None if nothing does."""
+    def onward(self, road: Road, lane: int, section: Section, *, forward: bool) -> list[Onward]:
+        """Returns what follows a lane of a section; at a junction that first which turns least."""
         here = section.lanes.get(lane)
         number = None if here is None else here.after if forward else here.before
         row = road.sections.index(section) + (1 if forward else -1)
         if 0 <= row < len(road.sections):
             s = road.sections[row].s if forward else section.s
-            return None if number not in road.sections[row].lanes else (road, int(number or 0), s, forward)
+            return [] if number not in road.sections[row].lanes else [(road, int(number or 0), s, forward)]
         link = road.after if forward else road.before
         if link is None:
-            return None
+            return []
         if link.kind == "junction":
             return self._across(link.id, road, lane)
         other = self.by_id.get(link.id)
         if other is None or number is None:
-            return None
+            return []
         starts = link.contact == "start"
-        return other, number, 0.0 if starts else other.length, starts
+        return [(other, number, 0.0 if starts else other.length, starts)]
 
-    def _across(self, junction: str, road: Road, lane: int) -> tuple[Road, int, float, bool] | None:
-        """Returns what follows a lane at a junction, as :meth:`_onward`: of several roads, that which turns least."""
-        options: list[tuple[float, int, tuple[Road, int, float, bool]]] = []
+    def _across(self, junction: str, road: Road, lane: int) -> list[Onward]:
+        """Returns what follows a lane at a junction, that first which turns least."""
+        options: list[tuple[float, int, Onward]] = []
         for where, incoming, name, contact, lanes in self._connections:
             other = self.by_id.get(name)
             if (where, incoming) == (junction, road.id) and other is not None and lane in lanes:
@@ -281,10 +288,19 @@ class Roads:
                 starts = contact == "start"
                 onward = (other, lanes[lane], 0.0 if starts else other.length, starts)
                 options.append((abs(float(wrap_angle(np.array(turned)))), len(options), onward))
-        return min(options)[2] if options else None
+        return [onward for *_, onward in sorted(options)]
 
 
-def _end(road: Road, section: Section) -> float:
+def unruled(root: ET.Element) -> list[ET.Element]:
+    """Returns the roads inside junctions that do not say on which side traffic keeps: on that of those they join."""
+    return [road for road in root.findall("road") if road.get("junction", "-1") != "-1" and road.get("rule") is None]
+
+
+Onward = tuple[Road, int, float, bool]
+"""Road, lane, beginning [m] and direction of what follows a lane: along the reference line, or against it."""
+
+
+def end_of(road: Road, section: Section) -> float:
     """Returns where a section ends [m]."""
     row = road.sections.index(section) + 1
     return road.sections[row].s if row < len(road.sections) else road.length
@@ -314,7 +330,15 @@ def _road(element: ET.Element) -> Road:
         sorted(sections, key=lambda section: section.s),
         _link(element.find("link/predecessor")),
         _link(element.find("link/successor")),
+        element.get("junction", "-1") != "-1",
+        _limit(element.find("type/speed")),
     )
+
+
+def _limit(element: ET.Element | None) -> float | None:
+    if element is None or element.get("max") in ("no limit", "undefined"):
+        return None
+    return _float(element, "max") * SPEEDS.get(element.get("unit", "m/s"), 1.0)
 
 
 def _lane(element: ET.Element) -> RoadLane:

@@ -25,6 +25,7 @@ from litsim_data.maps.lanelet2_osm import read_graph
 from litsim_data.maps.net_builder import BuiltNet, write_graph
 from litsim_data.maps.net_cropping import cropped_to_net
 from litsim_data.maps.netconvert import import_opendrive, is_left_hand
+from litsim_data.maps.opendrive_lanes import has_both_rules, read_lanes
 from litsim_data.maps.positions import vehicles_of
 from litsim_data.sources.autoware_bag import METADATA_FILE
 from litsim_data.sources.conversion import converted
@@ -271,6 +272,8 @@ def _net(scene: Scene, name: str, out: Path, named: Path | None) -> Net | None:
         return None
     if isinstance(lanes, Path) and lanes.suffix == ".osm":
         lanes = read_graph(lanes, None)
+    if isinstance(lanes, Path) and lanes.suffix == ".xodr" and has_both_rules(lanes):
+        lanes = read_lanes(lanes)
     if isinstance(lanes, LaneGraph):
         built = write_graph(lanes, path)
         return Net(path, LaneMap.from_net(path), lanes, built, notes=[*built.notes])
