@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from litsim_eval.analysis.road_rules import rules
+from litsim_eval.analysis.measures.road_rules import rules
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.scenario import packaged

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from litsim_eval.analysis.comfort import spans
 from litsim_eval.analysis.measure import (
     HIGHER,
     LOWER,
@@ -24,6 +23,7 @@ from litsim_eval.analysis.measure import (
     known_total,
     largest,
 )
+from litsim_eval.analysis.measures.comfort import spans
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.lane_map import LaneMap

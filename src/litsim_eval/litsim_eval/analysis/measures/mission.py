@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from litsim_eval.analysis.comfort import spans
-from litsim_eval.analysis.ego import PROGRESS_LEAST_M
 from litsim_eval.analysis.measure import (
     HIGHER,
     LOWER,
@@ -26,6 +24,8 @@ from litsim_eval.analysis.measure import (
     mean,
     moments_of,
 )
+from litsim_eval.analysis.measures.comfort import spans
+from litsim_eval.analysis.measures.ego import PROGRESS_LEAST_M
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.lane_map import LaneMap

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_eval.analysis.mission import mission
+from litsim_eval.analysis.measures.mission import mission
 from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.campaign.reasons import what_happened
 from litsim_sim.core.scene import AgentTable
