@@ -47,7 +47,7 @@ def test_who_is_drawn_and_what_it_does(make_scenario: Any, track: Any) -> None:
         track(3, x=90.0, speed=SPEED, last=10),  # gone too soon
         track(4, x=60.0, speed=2.0, last=40, kind=Kind.BICYCLE),  # never driven
     )
-    samples = Moments([scenario], [1.0], SMALL).draw(40, 8, np.random.default_rng(0))
+    samples = Moments([scenario], [1.0]).draw(40, 8, np.random.default_rng(0))
     rasters, futures = samples.rasters, samples.futures
     assert rasters.shape == (len(futures), CHANNELS, SMALL.rows, SMALL.columns) and futures.shape[1] == OUTPUTS
     assert len(futures) <= 80  # two at a moment at most
@@ -64,7 +64,7 @@ def test_who_is_drawn_and_what_it_does(make_scenario: Any, track: Any) -> None:
 
 def test_rasters_that_no_memory_holds_are_refused_and_units_need_none(make_scenario: Any, track: Any) -> None:
     scenario = make_scenario(*(track(k, x=60.0 + 20.0 * k, speed=SPEED, last=40) for k in range(1, 4)))
-    moments, raster = Moments([scenario], [1.0], SMALL), 4 * CHANNELS * SMALL.rows * SMALL.columns
+    moments, raster = Moments([scenario], [1.0]), 4 * CHANNELS * SMALL.rows * SMALL.columns
     fit = RASTERS_MAX // raster
     with pytest.raises(
         InputError, match=f"{fit} moments of up to 3 agents are {3 * fit} rasters, expected at most {fit}"
@@ -90,7 +90,7 @@ def test_errors_are_counted_in_what_people_do() -> None:
 
 def test_nobody_to_learn_from(make_scenario: Any, track: Any) -> None:
     with pytest.raises(InputError, match="no vehicle is on the road for 13 steps"):
-        Moments([make_scenario(track(1, x=50.0, last=FUTURE - 1))], [1.0], SMALL)
+        Moments([make_scenario(track(1, x=50.0, last=FUTURE - 1))], [1.0])
 
 
 def test_the_displaced_come_back_smoothly() -> None:

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_research.baselines.simnet.output import FUTURE, OUTPUTS
-from litsim_research.baselines.simnet.raster import CHANNELS, FRAMES, Motions, Painter, Rasters, RasterShape
+from litsim_research.baselines.simnet.raster import CHANNELS, FRAMES, SMALL, Motions, Painter, Rasters
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
@@ -102,13 +102,13 @@ class _Source:
     share: FloatArray
 
     @classmethod
-    def of(cls, scenario: Scenario, shape: RasterShape) -> _Source:
+    def of(cls, scenario: Scenario) -> _Source:
         log = scenario.log
         usable = log.valid & ~log.obstacle[:, None]
         usable &= np.arange(log.steps) + FUTURE <= log.last_step[:, None]
         counts = usable.sum(axis=0)
         steps = np.flatnonzero(counts)
-        painter = Painter(raster_of_net(scenario.net_path)[1].drawn, scenario.signals, shape)
+        painter = Painter(raster_of_net(scenario.net_path)[1].drawn, scenario.signals)
         return cls(scenario, painter, usable, steps, counts[steps] / max(counts.sum(), 1))
 
 
@@ -118,7 +118,6 @@ class Moments:
     Args:
         scenarios: the sources.
         shares: weights of the scenarios' agents, in any unit.
-        shape: of the rasters.
         perturbation: of the agents; None for none.
 
     Raises:
@@ -129,10 +128,9 @@ class Moments:
         self,
         scenarios: Sequence[Scenario],
         shares: Sequence[float],
-        shape: RasterShape,
         perturbation: PerturbationConfig | None = None,
     ) -> None:
-        self._sources = [_Source.of(scenario, shape) for scenario in scenarios]
+        self._sources = [_Source.of(scenario) for scenario in scenarios]
         counts = np.array([source.usable.sum() for source in self._sources], np.float64)
         if not counts.sum():
             raise InputError(f"data: no vehicle is on the road for {FUTURE + 1} steps, expected some in the scenarios")
@@ -140,7 +138,7 @@ class Moments:
         self._share: FloatArray = weight / weight.sum()
         self._perturbation = perturbation
         self._most = max(int(source.usable.sum(axis=0).max()) for source in self._sources)
-        self._raster_bytes = CHANNELS * shape.rows * shape.columns * np.dtype(np.float32).itemsize
+        self._raster_bytes = CHANNELS * SMALL.rows * SMALL.columns * np.dtype(np.float32).itemsize
 
     def draw(self, moments: int, agents: int, random: np.random.Generator, *, painted: bool = True) -> Samples:
         """Samples of at most `agents` agents at each of `moments` moments; without rasters unless `painted`.

@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 from litsim_research.baselines.simnet.output import FUTURE
 from litsim_research.imitation.simnet_data import Moments, PerturbationConfig, Samples
-from litsim_research.imitation.simnet_network import SHAPES, Backbone, SimNet, ending, save
+from litsim_research.imitation.simnet_network import SimNet, save
 from litsim_research.policies.checkpoint import CHECKPOINT, CURVES, HISTORY, ResumableTraining, write_history
 from litsim_research.policies.data import DataConfig, TrainingData, prepare
 from litsim_research.policies.plots import SIMNET_PANELS
@@ -45,7 +45,6 @@ class SimnetConfig(BaseModel):
     """A training run; the YAML file has these fields.
 
     Attributes:
-        backbone: `small`, or the paper's `resnet50` on its raster.
         seed: of everything random.
         batches: updates of the network.
         moments, agents: number of moments in a batch, and most agents of each moment.
@@ -58,7 +57,6 @@ class SimnetConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    backbone: Backbone = "small"
     seed: int = Field(0, ge=0, lt=2**32)
     batches: int = Field(10_000, gt=0)
     moments: int = Field(16, gt=0)
@@ -84,7 +82,7 @@ class SimnetTraining(ResumableTraining):
     def __init__(self, config: SimnetConfig, data: TrainingData, device: str = "cpu") -> None:
         super().__init__(data)
         torch.manual_seed(config.seed)
-        self.config, self.network, self.device = config, SimNet(config.backbone).to(device), device
+        self.config, self.network, self.device = config, SimNet().to(device), device
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.optimiser = torch.optim.Adam(self.network.parameters(), config.learning_rate)
         self.done = 0
@@ -148,7 +146,7 @@ class SimnetTraining(ResumableTraining):
 
     def weights(self, out: Path) -> Path:
         """File of the best weights in the folder `out`."""
-        return out / f"best{ending(self.config.backbone)}"
+        return out / "best.safetensors"
 
 
 def run(
@@ -161,9 +159,9 @@ def run(
     """
     out.mkdir(parents=True, exist_ok=True)
     data = prepare(config.data, out / "data")
-    training, shape = SimnetTraining(config, data, device), SHAPES[config.backbone]
-    train = Moments(*_counted(data.train), shape, config.perturbation)
-    held_out = Moments(*_counted(data.validation), shape, config.perturbation)
+    training = SimnetTraining(config, data, device)
+    train = Moments(*_counted(data.train), config.perturbation)
+    held_out = Moments(*_counted(data.validation), config.perturbation)
     if resume:
         training.read(out / CHECKPOINT)
     else:

@@ -21,7 +21,7 @@ SPEED, GAP = 10.0, 15.0
 class Says:
     """A network that says the same of everybody, and keeps what it was shown."""
 
-    shape, source = SMALL, Path("says.safetensors")
+    source = Path("says.safetensors")
 
     def __init__(self, ahead: float, turn: float) -> None:
         self._said = np.zeros(OUTPUTS, np.float32)
@@ -96,15 +96,6 @@ def test_it_drives_on_an_empty_road(make_scenario: Any, track: Any, drive: Any) 
     assert np.abs(run.series(2, "speed") - 12.0)[driven].max() > 1e-3  # it is no replay
 
 
-@pytest.mark.parametrize(
-    ("config", "said"),
-    [
-        ({"backbone": "resnet50"}, "simnet.weights is empty, expected a file for backbone resnet50: .*train simnet"),
-        ({"backbone": "resnet50", "weights": "a.safetensors"}, "expected a file .onnx for backbone resnet50"),
-        ({"weights": "a.onnx"}, "simnet.weights is 'a.onnx', expected a file .safetensors for backbone small"),
-        ({"weights": "a.safetensors"}, "a.safetensors: no such weights of simnet"),
-    ],
-)
-def test_weights_that_do_not_fit(scenario: Any, config: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        make_policy("simnet", scenario, {f"simnet.{name}": value for name, value in config.items()})
+def test_weights_that_do_not_fit(scenario: Any) -> None:
+    with pytest.raises(InputError, match=r"a\.safetensors: no such weights of simnet"):
+        make_policy("simnet", scenario, {"simnet.weights": "a.safetensors"})

@@ -14,13 +14,11 @@ from litsim_research.baselines.simnet.raster import (
     FRAMES,
     OTHERS,
     OWN,
-    PAPER,
     SINE,
     SMALL,
     STOP,
     Motions,
     Painter,
-    RasterShape,
 )
 from litsim_sim.core.signals import SignalState
 from litsim_sim.scenario.scenario import Scenario
@@ -39,30 +37,29 @@ def driving(*agents: tuple[float, float, float, float], scene: tuple[int, ...] =
     return Motions(pose, there, np.tile([4.0, 2.0], (len(agents), 1)), np.array(scene or (0,) * len(agents)))
 
 
-def drawn(motions: Motions, *rows: int, shape: RasterShape = SMALL, **more: Any) -> np.ndarray:
-    return Painter(NET.drawn, None, shape).draw(0, motions, np.array(rows, np.int64), **more).copy()
+def drawn(motions: Motions, *rows: int, **more: Any) -> np.ndarray:
+    return Painter(NET.drawn, None).draw(0, motions, np.array(rows, np.int64), **more).copy()
 
 
-def centre(plane: np.ndarray, shape: RasterShape) -> tuple[float, float]:
+def centre(plane: np.ndarray) -> tuple[float, float]:
     """Metres ahead of the agent and to its left of the middle of what is drawn."""
     rows, columns = np.indices(plane.shape) + 0.5
-    ahead, left = (np.average(grid, weights=plane) * shape.cell for grid in (rows, columns))
-    return ahead - 0.25 * shape.rows * shape.cell, left - 0.5 * shape.columns * shape.cell
+    ahead, left = (np.average(grid, weights=plane) * SMALL.cell for grid in (rows, columns))
+    return ahead - 0.25 * SMALL.rows * SMALL.cell, left - 0.5 * SMALL.columns * SMALL.cell
 
 
-@pytest.mark.parametrize("shape", [SMALL, PAPER])
 @pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
-def test_boxes_lie_where_they_are_to_parts_of_a_cell(shape: RasterShape, yaw: float) -> None:
+def test_boxes_lie_where_they_are_to_parts_of_a_cell(yaw: float) -> None:
     """The agent was behind itself; the other one is 20.3 m ahead and 3.1 m to the left, and drives 5 m/s slower."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     other = (200.0 + 20.3 * cos - 3.1 * sin, LANE + 20.3 * sin + 3.1 * cos, yaw, 5.0)
-    (raster,) = drawn(driving((200.0, LANE, yaw, 10.0), other), 0, shape=shape)
-    assert raster.shape == (CHANNELS, shape.rows, shape.columns)
+    (raster,) = drawn(driving((200.0, LANE, yaw, 10.0), other), 0)
+    assert raster.shape == (CHANNELS, SMALL.rows, SMALL.columns)
     for frame in range(FRAMES):
         ago = 0.1 * (NOW - frame)
-        assert centre(raster[OWN + frame], shape) == pytest.approx((-10.0 * ago, 0.0), abs=0.02)
-        assert centre(raster[OTHERS + frame], shape) == pytest.approx((20.3 - 5.0 * ago, 3.1), abs=0.02)
-    area = raster[OTHERS + NOW].sum() * shape.cell**2
+        assert centre(raster[OWN + frame]) == pytest.approx((-10.0 * ago, 0.0), abs=0.02)
+        assert centre(raster[OTHERS + frame]) == pytest.approx((20.3 - 5.0 * ago, 3.1), abs=0.02)
+    area = raster[OTHERS + NOW].sum() * SMALL.cell**2
     assert area == pytest.approx(8.0, rel=0.02)
 
 
@@ -88,12 +85,12 @@ def test_nothing_is_shown_of_who_was_not_there_and_of_other_scenes() -> None:
     motions.there[1, :3] = False
     (raster,) = drawn(motions, 0)
     assert not raster[OTHERS : OTHERS + 3].any()
-    assert centre(raster[OTHERS + NOW], SMALL) == pytest.approx((20.0, 0.0), abs=0.02)
+    assert centre(raster[OTHERS + NOW]) == pytest.approx((20.0, 0.0), abs=0.02)
 
 
 def test_a_raster_does_not_depend_on_what_was_drawn_before_or_is_drawn_beside() -> None:
     motions = driving(*((150.0 + 12.0 * k, LANE + (k % 3) * 3.0, 0.1 * k, 8.0) for k in range(9)))
-    painter = Painter(NET.drawn, None, SMALL)
+    painter = Painter(NET.drawn, None)
     every = painter.draw(0, motions, np.arange(9)).copy()
     for row in (8, 3):
         assert np.array_equal(painter.draw(0, motions, np.array([row]))[0], every[row])
@@ -110,11 +107,11 @@ def test_stop_lines_are_shown_while_they_are_closed() -> None:
     link = SimpleNamespace(stop=np.array([230.0, LANE]), heading=0.0, width=3.0)
     shows = [SignalState.RED, SignalState.GREEN, SignalState.AMBER]
     signals: Any = SimpleNamespace(links=(link,), of_links=lambda step: np.array([[shows[step]]], np.uint8))
-    painter = Painter(NET.drawn, signals, SMALL)
+    painter = Painter(NET.drawn, signals)
     seen = [painter.draw(step, driving((200.0, LANE, 0.0, 10.0)), np.array([0]))[0, STOP].copy() for step in range(3)]
     assert not seen[1].any()
     for closed in (seen[0], seen[2]):
-        assert centre(closed, SMALL) == pytest.approx((30.0, 0.0), abs=0.02)
+        assert centre(closed) == pytest.approx((30.0, 0.0), abs=0.02)
         assert closed.sum() == pytest.approx(3.0, rel=0.02)
 
 
@@ -123,6 +120,6 @@ def test_each_scene_has_its_own_closed_stop_lines() -> None:
     shows = np.array([[SignalState.RED], [SignalState.GREEN], [SignalState.RED]], np.uint8)
     signals: Any = SimpleNamespace(links=(link,), of_links=lambda _: shows)
     motions = driving(*[(200.0, LANE, 0.0, 10.0)] * 3, scene=(0, 1, 2))
-    seen = Painter(NET.drawn, signals, SMALL).draw(0, motions, np.arange(3))[:, STOP]
+    seen = Painter(NET.drawn, signals).draw(0, motions, np.arange(3))[:, STOP]
     assert not seen[1].any()
     assert seen[0].any() and np.array_equal(seen[0], seen[2]), "a line is drawn once, however many scenes have it"

@@ -1,4 +1,4 @@
-"""SimNet's networks in the loop, without torch: the small one by compiled kernels, any other as an ONNX graph.
+"""SimNet's network in the loop, without torch, by compiled kernels.
 
 An agent's outputs depend on its raster alone, to the last bit, and neither on other agents nor on the process.
 """
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -15,44 +14,22 @@ from litsim_policy.motion.network_file import read_network
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import linear, rectified_product, rectify
 from litsim_research.baselines.simnet.output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
-from litsim_research.baselines.simnet.raster import CHANNELS, PAPER, SMALL, Rasters, RasterShape
+from litsim_research.baselines.simnet.raster import CHANNELS, SMALL, Rasters
 from litsim_sim.core.errors import InputError
 from litsim_sim.kernels.compiled import OutSingles2, Singles, Singles2, Singles3, float32, kernel
 
 KERNEL = 3  # cells along each side of a convolution's kernel; its stride is two
-ENDS = [
-    ("raster", "tensor(float)", [1, CHANNELS, PAPER.rows, PAPER.columns]),
-    ("future", "tensor(float)", [1, OUTPUTS]),
-]
-"""Names, types and shapes of the input and the output of a graph."""
 
 
-class SimnetNetwork(Protocol):
-    """A network for inference.
-
-    Attributes:
-        shape: of its rasters.
-        source: its file, for errors.
-    """
-
-    shape: RasterShape
-    source: Path
-
-    def __call__(self, rasters: Rasters) -> Float32Array:
-        """Returns outputs (m, OUTPUTS) for rasters (m, CHANNELS, rows, columns), see :data:`.output.OUTPUTS`."""
-
-
-class SmallNetwork:
+class SimnetNetwork:
     """Four convolutions and two linear layers, all but the last rectified.
 
     Weights are arrays as :func:`litsim_research.imitation.simnet_network.save` writes them.
     """
 
-    shape = SMALL
-
     def __init__(self, arrays: Mapping[str, Float32Array], source: Path) -> None:
         self.source = source
-        rows, columns = self.shape.rows, self.shape.columns
+        rows, columns = SMALL.rows, SMALL.columns
         self._convolutions: list[tuple[Float32Array, Float32Array, Float32Array, Float32Array]] = []
         for number in range(len(SMALL_WIDTHS)):
             weight, bias = (arrays[f"convolution.{number}.{what}"] for what in ("weight", "bias"))
@@ -63,7 +40,7 @@ class SmallNetwork:
         self._dense = [(arrays[f"{layer}.weight"], arrays[f"{layer}.bias"]) for layer in ("hidden", "last")]
 
     def __call__(self, rasters: Rasters) -> Float32Array:
-        """See :class:`SimnetNetwork`."""
+        """Returns outputs (m, OUTPUTS) for rasters (m, CHANNELS, rows, columns), see :data:`.output.OUTPUTS`."""
         codes = np.empty((len(rasters), len(self._dense[0][0])), np.float32)
         for raster, code in zip(rasters, codes, strict=True):
             values = raster
@@ -109,52 +86,12 @@ def convolve(values: Singles3, weight: Singles2, bias: Singles, patches: OutSing
     rectified_product(weight, patches, bias, out)
 
 
-class GraphNetwork:
-    """A network of any architecture on the paper's raster, one raster at a time by ONNX Runtime on one thread.
-
-    Raises:
-        InputError: the file is not a graph of a SimNet.
-    """
-
-    shape = PAPER
-
-    def __init__(self, path: Path) -> None:
-        import onnxruntime
-
-        self.source = path
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1  # rounding depends on their number
-        options.log_severity_level = 4  # errors are raised, and need not be printed
-        try:
-            self._session = onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
-        except Exception as error:
-            first = str(error).strip().partition("\n")[0]
-            raise InputError(f"{path}: ONNX Runtime refuses it: {first}; expected an ONNX file") from error
-        kind = self._session.get_modelmeta().custom_metadata_map.get("format")
-        if kind != FORMAT:
-            raise InputError(f"{path}: metadata format is {kind!r}, expected {FORMAT!r}: a file of train_simnet")
-        ends = [
-            (node.name, node.type, node.shape) for node in (*self._session.get_inputs(), *self._session.get_outputs())
-        ]
-        if ends != ENDS:
-            raise InputError(f"{path}: inputs and outputs are {ends}, expected {ENDS}: a file of train_simnet")
-
-    def __call__(self, rasters: Rasters) -> Float32Array:
-        """See :class:`SimnetNetwork`."""
-        outputs = np.empty((len(rasters), OUTPUTS), np.float32)
-        for row, out in enumerate(outputs):
-            out[:] = self._session.run(["future"], {"raster": rasters[row : row + 1]})[0][0]
-        return outputs
-
-
 def load_network(path: Path) -> SimnetNetwork:
     """Read what ``litsim_research train simnet`` has written.
 
     Raises:
         InputError: the file is missing, damaged, or holds another network than this version drives with.
     """
-    if path.suffix == ".onnx" and path.is_file():
-        return GraphNetwork(path)
     _, arrays = read_network(path, "simnet", FORMAT)
     for name, shape in shapes().items():
         array = arrays.get(name)
@@ -163,11 +100,11 @@ def load_network(path: Path) -> SimnetNetwork:
             raise InputError(f"{path}: tensor {name} is {actual}, expected float32 {shape}")
         if not np.isfinite(array).all():
             raise InputError(f"{path}: tensor {name} holds non-finite numbers, expected finite ones")
-    return SmallNetwork(arrays, path)
+    return SimnetNetwork(arrays, path)
 
 
 def shapes() -> dict[str, tuple[int, ...]]:
-    """Returns shapes of the weights of the small backbone."""
+    """Returns shapes of the weights of the network."""
     weights: dict[str, tuple[int, ...]] = {}
     before = CHANNELS
     for number, width in enumerate(SMALL_WIDTHS):

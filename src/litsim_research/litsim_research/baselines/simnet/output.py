@@ -6,6 +6,6 @@ OUTPUTS = 3 * FUTURE
 """x ahead, y to the left [m] and turn [rad] after each step, relative to the present pose."""
 FORMAT = "litsim simnet, 1"
 SMALL_WIDTHS = (16, 32, 64, 64)
-"""Channels after each convolution of the small backbone."""
+"""Channels after each convolution of the network."""
 SMALL_HIDDEN = 128
 """Units of its hidden layer."""

@@ -29,7 +29,7 @@ class SimnetPolicy:
 
     def __init__(self, scenario: Setting, network: SimnetNetwork) -> None:
         net = raster_of_net(scenario.net_path)[1].drawn
-        self._painter = Painter(net, scenario.signals, network.shape)
+        self._painter = Painter(net, scenario.signals)
         self._network = network
         self._history = History(FRAMES, POSE)
 

@@ -66,7 +66,6 @@ class RasterShape:
     cell: float
 
 
-PAPER = RasterShape(224, 224, 0.5)
 SMALL = RasterShape(96, 48, 1.0)
 
 
@@ -94,21 +93,20 @@ class RoadImage(NamedTuple):
 
 
 class Painter:
-    """Draws rasters of one shape on one net.
+    """Draws rasters on one net.
 
     Args:
         net: as drawn.
         signals: on it; None for none.
-        shape: of the rasters.
     """
 
-    def __init__(self, net: DrawnNet, signals: LinkSignals | None, shape: RasterShape) -> None:
-        self._road, self._signals, self._shape = RoadImage(net.closeness, net.angle), signals, shape
-        self._sizes = np.array([*net.origin, net.cell, shape.cell])
+    def __init__(self, net: DrawnNet, signals: LinkSignals | None) -> None:
+        self._road, self._signals = RoadImage(net.closeness, net.angle), signals
+        self._sizes = np.array([*net.origin, net.cell, SMALL.cell])
         links = () if signals is None else signals.links
         lines = [(*link.stop, link.heading, link.width) for link in links]
         self._lines: FloatArray = np.array(lines, np.float64).reshape(-1, 4)
-        self._rasters: Rasters = np.empty((0, CHANNELS, shape.rows, shape.columns), np.float32)
+        self._rasters: Rasters = np.empty((0, CHANNELS, SMALL.rows, SMALL.columns), np.float32)
 
     def draw(self, step: int, everybody: Motions, rows: IntArray, own: FloatArray | None = None) -> Rasters:
         """Returns rasters (m, CHANNELS, rows, columns) of the agents in `rows` (m,) of `everybody` at `step`.
