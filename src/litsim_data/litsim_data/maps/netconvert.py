@@ -110,7 +110,8 @@ def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) ->
     except ValueError as error:
         raise InputError(f"{source}: {error}") from error
     signals = _without_unreadable_signals(root)
-    roads = root.findall("road")
+    inside = unruled(root)
+    roads = [road for road in root.findall("road") if road not in inside]
     ruled_left = sum(road.get("rule") == LEFT_HAND for road in roads)
     to_left = 2 * ruled_left > len(roads) if left_hand is None else left_hand
     options = ["--opendrive-files", str(source.resolve()), "--opendrive.curve-resolution", "1"]
@@ -141,6 +142,11 @@ def export_opendrive(net: Path, path: Path) -> list[str]:
             text = new.read_text(encoding="UTF-8").replace('revMinor="4"', 'revMinor="5"', 1)
             new.write_text(text.replace("<road ", f'<road rule="{LEFT_HAND}" '), encoding="UTF-8")
     return warnings
+
+
+def unruled(root: ET.Element) -> list[ET.Element]:
+    """Returns the roads inside junctions that do not say on which side traffic keeps: on that of those they join."""
+    return [road for road in root.findall("road") if road.get("junction", "-1") != "-1" and road.get("rule") is None]
 
 
 def is_left_hand(net: Path) -> bool:

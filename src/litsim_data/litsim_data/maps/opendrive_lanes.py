@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from litsim_data.maps.lane_graph import SPEED_LIMIT, LaneGraph, Lanelet, polyline
-from litsim_data.maps.netconvert import LEFT_HAND
-from litsim_data.maps.opendrive_roads import Road, Roads, Section, end_of, unruled
+from litsim_data.maps.netconvert import LEFT_HAND, unruled
+from litsim_data.maps.opendrive_roads import Road, Roads, Section, end_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.input_files import read_plain_xml
 

@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from litsim_data.maps.netconvert import LEFT_HAND
+from litsim_data.maps.netconvert import LEFT_HAND, unruled
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
@@ -289,11 +289,6 @@ class Roads:
                 onward = (other, lanes[lane], 0.0 if starts else other.length, starts)
                 options.append((abs(float(wrap_angle(np.array(turned)))), len(options), onward))
         return [onward for *_, onward in sorted(options)]
-
-
-def unruled(root: ET.Element) -> list[ET.Element]:
-    """Returns the roads inside junctions that do not say on which side traffic keeps: on that of those they join."""
-    return [road for road in root.findall("road") if road.get("junction", "-1") != "-1" and road.get("rule") is None]
 
 
 Onward = tuple[Road, int, float, bool]
