@@ -41,6 +41,13 @@ def test_a_takeover_that_never_ends_and_was_for_nothing() -> None:
     assert cells["back at"] == cells["distance then"] == cells["off its log for"] == "–"
 
 
+def test_a_takeover_that_ends_in_own_intent() -> None:
+    table = takeover_table(
+        [ENTRY | {"outcome": "own_intent", "own_intent_step": 47, "released_step": None}], 0.1, ego=1
+    )
+    assert dict(zip(table.head, table.rows[0].cells, strict=True))["back at"] == "own intent from 4.7 s"
+
+
 def test_a_takeover_that_no_forecast_predicted() -> None:
     more = {"reason": "region", "time_to_conflict_s": None, "overlap_probability": None}
     table = takeover_table([ENTRY | more], 0.1, ego=1)

@@ -35,6 +35,10 @@ NOW = 5  # step at which agents are looked at
 LENGTH, WIDTH = 4.5, 2.0  # [m] of everybody
 
 
+def still_in_conflict(detector: ConflictDetector, futures: Futures, agents: np.ndarray, off: np.ndarray) -> np.ndarray:
+    return detector.still_in_conflict(futures, detector.pairs(futures, agents, off))
+
+
 @dataclass(frozen=True)
 class Situation:
     """What one detection looks at; the agents of the mask `off` are off their logs."""
@@ -64,7 +68,7 @@ class Situation:
 
     def still(self) -> np.ndarray:
         """Ids of the agents on their logs that would remain in conflict if they were off."""
-        return self.table.id[self.detector.still_in_conflict(self.uncovered, ~self.off, self.off)]
+        return self.table.id[still_in_conflict(self.detector, self.uncovered, ~self.off, self.off)]
 
 
 def situation(log: Log, table: AgentTable, *off: int, roi_m: float = 30.0, **config: float) -> Situation:
@@ -307,8 +311,22 @@ def test_whoever_overlaps_one_in_the_log_as_well_stays_in_conflict_for_another(l
     stands, gone = (look(follower, leader, ego={"x": x, "speed": 0.0}) for x in (100.0, 300.0))
     for scene, expected in ((stands, [3]), (gone, [])):
         off = np.isin(scene.table.id, [1, first])
-        found = scene.detector.still_in_conflict(scene.uncovered, scene.table.id == 3, off)
+        found = still_in_conflict(scene.detector, scene.uncovered, scene.table.id == 3, off)
         assert scene.table.id[found].tolist() == expected
+
+
+@pytest.mark.parametrize(("speed", "expected"), [(4.0, []), (10.0, [2])])
+def test_the_own_way_of_an_agent_off_its_log_leads_into_those_ahead_or_not(
+    look, speed: float, expected: list[int]
+) -> None:
+    """Its log, at 10 m/s, leads into the ego in either case; agent 3, who drives into it from behind, follows it."""
+    scene = look({"id": 2, "x": 85.0, "speed": 10.0}, {"id": 3, "x": 73.0, "speed": 12.0}, ego={"speed": 4.0})
+    scene.table.speed[scene.table.row(2)] = speed
+    scene = replace(scene, off=np.ones(3, np.bool_), forecast=straight_on(scene.table))
+    futures, agents = scene.uncovered, scene.table.id == 2
+    pairs = scene.detector.pairs(futures, agents, scene.off)
+    assert scene.table.id[scene.detector.drive_into_conflict(futures, pairs)].tolist() == expected
+    assert still_in_conflict(scene.detector, futures, agents, scene.off).any()
 
 
 def test_the_lower_threshold_is_not_above_the_other() -> None:
@@ -466,7 +484,7 @@ def test_futures_are_made_only_in_the_region_and_once(crowd60) -> None:
     nearer = -dx * (table.speed - table.speed[first]) / np.maximum(distance, 1e-9)  # everybody heads along x
     soon = distance - detector.config.approach_time * np.maximum(nearer, 0.0)
     assert covered == table.id[soon <= 30.0].tolist() and (distance <= 30.0).sum() < len(covered) < len(table)
-    detector.still_in_conflict(futures, first, first)
+    still_in_conflict(detector, futures, first, first)
     assert futures.by_log is by_log, "what is made is not made again"
     detector.conflicts(futures, ~far, far)
     assert {*covered, 50} < set(futures.covered.id.tolist())

@@ -1,12 +1,14 @@
 """The next state of each agent off its log, whatever the others are in."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from litsim_policy.conflict import own_intent
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow, Opening
 from litsim_policy.conflict.takeover import move_on
@@ -15,7 +17,7 @@ from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState
 
 NOW = 40
-HELD, HANDBACK, RELEASED = TakeoverState.HELD, TakeoverState.HANDBACK, TakeoverState.RELEASED
+HELD, HANDBACK, RELEASED, OWN = TakeoverState
 CONFIG = ConflictConfig(held_steps_min=5, clear_steps=5)
 
 
@@ -55,7 +57,7 @@ def moved_on(now: DivergedNow, *held_back: int, config: ConflictConfig = CONFIG)
     """The states of all agents after a step at which all but those `held_back` are free."""
     everybody = np.ones(len(now.agents), np.bool_)
     free = ~np.isin(np.arange(len(everybody)), held_back)
-    move_on(config, now, everybody, free, ~everybody)
+    move_on(config, now, everybody, free, ~everybody, ~everybody)
     return now.agents.state.tolist()
 
 
@@ -79,11 +81,41 @@ def test_each_agent_goes_its_own_way(here) -> None:
     assert off.source.tolist() == [PathSource.LOGGED if k in (1, 5) else PathSource.ROUTE for k in range(7)]
 
 
+def test_by_its_own_intent_an_agent_drives_on_until_its_log_is_likely_again(here) -> None:
+    off = diverged(4)
+    off.state[:] = [HELD, OWN, HANDBACK, OWN]
+    off.clear[:] = [0, 4, 5, 9]
+    own, everybody = np.array([True, False, True, True]), np.ones(4, np.bool_)
+    move_on(CONFIG, here(off), everybody, np.array([False, False, False, True]), own, ~everybody)
+    assert off.state.tolist() == [OWN, HELD, OWN, HANDBACK]
+
+
+def test_own_intent_takes_steady_driving_and_ends_with_a_conflict_of_the_own_way(here) -> None:
+    """Of agents 1 to 5, the second brakes, the third stands, the fourth passes, and the last meets somebody."""
+    off = diverged(5)
+    off.source[3] = PathSource.LANE
+    now = here(off)
+    now.table.acceleration[1], now.speed[2] = -1.01 * own_intent.BRAKING, 0.5
+    meets = np.array([False, False, False, False, True])
+    detector: Any = SimpleNamespace(drive_into_conflict=lambda _, pairs: np.isin(np.arange(5), pairs[:, 0]) & meets)
+    futures: Any = SimpleNamespace(rows=np.arange(5))
+    pairs = np.column_stack([np.arange(5), np.roll(np.arange(5), 1)])
+    look = partial(own_intent.drive_by_own_intent, CONFIG, detector, now, futures, pairs)
+    for _ in range(own_intent.STEADY_STEPS - 1):
+        assert not look().any()
+    assert look().tolist() == [True, False, False, False, False]
+    off.state[[0, 3, 4]] = OWN
+    meets[0] = True
+    assert off.steady.tolist()[3:] == [own_intent.STEADY_STEPS, -own_intent.STEADY_STEPS]
+    assert [look().tolist()[0] for _ in range(CONFIG.confirm_steps)] == [True, True, False]
+    assert look().tolist() == [False, False, False, True, False], "who passes goes on to drive by its own intent"
+
+
 def test_those_taken_over_at_this_step_stay_as_they_are(here) -> None:
     off = diverged(2)
     off.clear[:] = 9
     everybody = np.ones(2, np.bool_)
-    move_on(CONFIG, here(off), np.array([True, False]), everybody, ~everybody)
+    move_on(CONFIG, here(off), np.array([True, False]), everybody, ~everybody, ~everybody)
     assert (off.state.tolist(), off.clear.tolist()) == ([HANDBACK, HELD], [10, 9])
 
 
@@ -91,7 +123,7 @@ def test_one_that_is_not_needed_is_released_once_it_was_held_for_long_enough(her
     off = diverged(3)
     off.detected_step[1] = NOW - 4
     everybody = np.ones(3, np.bool_)
-    move_on(CONFIG, here(off), everybody, ~everybody, np.array([True, True, False]))
+    move_on(CONFIG, here(off), everybody, ~everybody, ~everybody, np.array([True, True, False]))
     assert off.state.tolist() == [RELEASED, HELD, HELD]
 
 

@@ -64,13 +64,17 @@ def test_a_driver_held_behind_a_slow_ego_passes_and_is_handed_back(behind_slow_e
     assert on_lane_paths(passed) == {HELD} and not on_lane_paths(held)
     whole = [(step, t) for step, each in passed.takeovers.items() for t in each if t.agent == HELD]
     order = list(dict.fromkeys((t.state, t.path_source) for _, t in whole))
-    assert order.index((TakeoverState.HELD, PathSource.LANE)) < order.index((TakeoverState.HANDBACK, PathSource.LOGGED))
+    beside = [order.index((state, PathSource.LANE)) for state, source in order if source == PathSource.LANE]
+    assert beside and max(beside) < order.index((TakeoverState.HANDBACK, PathSource.LOGGED))
     assert np.diff([step for step, _ in whole]).max() == 1, "one takeover from the first step to the release"
     assert ahead_of_ego(passed) > 10.0
     assert ahead_of_ego(held) < 0.0
     (entry,) = metrics["ledger"]
     assert entry["agent"] == HELD and entry["released_step"] is not None and entry["residual_m"] <= 0.5
-    assert compute_metrics(held)["ledger"][0]["released_step"] is None
+    (entry_held,) = compute_metrics(held)["ledger"]
+    own = [step for step, each in held.takeovers.items() for t in each if t.state == TakeoverState.OWN_INTENT]
+    assert (entry_held["released_step"], entry_held["outcome"]) == (None, "own_intent")
+    assert own == list(range(entry_held["own_intent_step"], held.tables[-1].step + 1)), "no conflict since"
     after = next(t for t in passed.tables if t.step == entry["released_step"] + 40)
     row = after.row(HELD)
     assert after.controller[row] == Controller.LOG and after.y[row] == pytest.approx(lane_centres[1], abs=0.2)

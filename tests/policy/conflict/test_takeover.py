@@ -16,6 +16,7 @@ from litsim_sim.core.scene import OBSTACLE_KINDS, AgentTable, Controller, Kind
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 
+HELD, HANDBACK, RELEASED, OWN_INTENT = TakeoverState
 FIRST = 3  # first step after the history of the scenarios here
 LENGTH = 4.5  # [m] of everybody
 
@@ -93,7 +94,7 @@ def test_a_conflict_that_lies_ahead_is_believed_after_three_steps(stage) -> None
     takeover = only(s.see(s.slow_ego(2, 2.0)))
     assert (takeover.agent, takeover.opponent) == (2, 1)
     assert (takeover.state, takeover.reason, takeover.detected_step) == (
-        TakeoverState.HELD,
+        HELD,
         TakeoverReason.CONFLICT,
         FIRST + 2,
     )
@@ -192,7 +193,7 @@ def opened(stage, *tracks: Any, **config: Any) -> tuple[Stage, float]:
     """Agent 2 is HELD for a goal 9 m ahead; from now on the ego is far away. Returns where agent 2 was."""
     s = stage(*tracks, **config)
     x = s.logged(2)
-    assert only(s.see(s.slow_ego(2, 0.9))).state == TakeoverState.HELD
+    assert only(s.see(s.slow_ego(2, 0.9))).state == HELD
     return s, x
 
 
@@ -205,23 +206,23 @@ def test_a_conflict_of_its_log_makes_it_wait_anew(stage) -> None:
         takeover = only(s.see((s.slow_ego(2, 1.0) if again else {}) | {2: held}))
         assert takeover.log_collision_predicted == again
         states.append(takeover.state)
-    assert states == [TakeoverState.HELD] * 10 + [TakeoverState.HANDBACK] * 2
+    assert states == [HELD] * 10 + [HANDBACK] * 2
 
 
 def test_a_conflict_on_the_way_back_stops_it(stage) -> None:
     s, x = opened(stage)
     held = {2: {"x": x + 11.0, "controller": Controller.POLICY}}
     states = [only(s.see(held)).state for _ in range(6)]
-    assert states[-1] == TakeoverState.HANDBACK
-    assert only(s.see(s.slow_ego(2, 1.5) | held)).state == TakeoverState.HELD
+    assert states[-1] == HANDBACK
+    assert only(s.see(s.slow_ego(2, 1.5) | held)).state == HELD
 
 
 def test_an_agent_that_was_released_can_be_taken_over_again(stage) -> None:
     s, x = opened(stage)
     away = {2: {"x": x + 20.0, "controller": Controller.POLICY}}
-    while only(s.see(away)).state == TakeoverState.HELD:
+    while only(s.see(away)).state == HELD:
         pass
-    assert only(s.see({2: {"controller": Controller.POLICY}})).state == TakeoverState.RELEASED
+    assert only(s.see({2: {"controller": Controller.POLICY}})).state == RELEASED
     assert s.see({}).takeovers == ()
     again = s.step
     assert only(s.see(s.slow_ego(2, 0.8))).detected_step == again
@@ -239,7 +240,7 @@ def test_while_its_log_is_over_an_agent_stays_held_near_the_ego(stage, track) ->
         both = AgentTable(step, *(getattr(both, f) for f in both.__dataclass_fields__ if f != "step"))
         both = s.placed(s.placed(both, 2, **off), 1, x=90.0)
         takeover = only(s.manager.update(both, s.predictor.forecast(both)))
-        assert takeover.state == TakeoverState.HELD
+        assert takeover.state == HELD
         assert (takeover.residual_position, takeover.residual_speed) == (-1.0, 0.0)
     assert len(table) == 2
 
@@ -267,7 +268,7 @@ def braking(until: int, to: float, back: bool) -> Callable[[AgentTable, int], tu
 def test_an_agent_yields_and_comes_back_to_its_log(make_scenario, track, drive) -> None:
     scenario = make_scenario(track(1, x=100.0, last=300), track(2, x=85.0, last=300))
     run = drive(scenario, braking(until=20, to=6.0, back=True), parameters={"conflict": {"handback": "catch_up"}})
-    assert run.life(2) == [TakeoverState.HELD, TakeoverState.HANDBACK, TakeoverState.RELEASED]
+    assert run.life(2) == [HELD, OWN_INTENT, HANDBACK, RELEASED]
     assert run.world.contacts == {}
     steps = sorted(run.takeovers(2))
     assert steps == list(range(steps[0], steps[-1] + 1))
@@ -299,7 +300,7 @@ def test_an_entry_where_the_ego_stands_is_late_and_adopted(make_scenario, track,
     run = drive(scenario, stop_and_go)
     first = run.takeovers(3)[min(run.takeovers(3))]
     assert run.world.entries.late == {3} and run.world.contacts == {}
-    assert (first.reason, first.opponent, first.state) == (TakeoverReason.BLOCKED_ENTRY, 1, TakeoverState.HELD)
+    assert (first.reason, first.opponent, first.state) == (TakeoverReason.BLOCKED_ENTRY, 1, HELD)
     assert first.detected_step > 40 and first.overlap_probability == 1.0
     on_time = drive(scenario, "log")
     assert on_time.world.entries.late == set() and on_time.takeovers(3) == {}
@@ -324,12 +325,9 @@ def lag_then_go(make_scenario, track, drive) -> Callable[..., Any]:
 
 
 def test_behind_an_ego_that_stays_behind_only_a_late_log_can_be_rejoined(lag_then_go) -> None:
-    assert TakeoverState.RELEASED not in lag_then_go("catch_up").life(2)
+    assert RELEASED not in lag_then_go("catch_up").life(2)
     late = lag_then_go("time_shift")
-    assert (
-        late.life(2) == [TakeoverState.HELD, TakeoverState.HANDBACK, TakeoverState.RELEASED]
-        and late.world.contacts == {}
-    )
+    assert late.life(2) == [HELD, OWN_INTENT, HANDBACK, RELEASED] and late.world.contacts == {}
 
 
 def test_from_the_release_on_the_log_is_replayed_with_the_lag_that_was_recorded(lag_then_go) -> None:
@@ -337,7 +335,7 @@ def test_from_the_release_on_the_log_is_replayed_with_the_lag_that_was_recorded(
     records = run.takeovers(2)
     released = max(records)
     lag = round(records[released].time_shift / 0.1)
-    assert records[released].state == TakeoverState.RELEASED and lag > 5
+    assert records[released].state == RELEASED and lag > 5
     assert records[released].residual_position <= 0.5, "from the late log, as the release measures it"
     table, log = run.results[released].table, run.scenario.log.table(released - lag)
     row, logged = table.row(2), log.row(2)

@@ -13,7 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from litsim_sim.core.colours import COLOURS, Mode
 from litsim_sim.core.scene import Controller, Kind
-from litsim_sim.ros.markers import POINTS_MAX, AgentLayer, ConflictLayer, ForecastLayer, handing_back
+from litsim_sim.ros.markers import POINTS_MAX, AgentLayer, ConflictLayer, ForecastLayer, modes_off_log
 
 Make = Callable[..., Any]
 BIG = 2**40  # an id that no marker can have
@@ -45,9 +45,9 @@ def test_agents_are_oriented_boxes_with_their_speed(agent_table: Make) -> None:
         {"id": 4, "controller": Controller.LOG, "length": 12.0, "width": 2.5},
         {"id": BIG},
     ]
-    markers = AgentLayer().draw(agent_table(25, *rows), frozenset({3, 4}))
+    markers = AgentLayer().draw(agent_table(25, *rows), {2: Mode.OWN_INTENT, 3: Mode.HANDBACK, 4: Mode.HANDBACK})
     boxes, labels = of(markers, "agents"), of(markers, "speed")
-    modes = (Mode.EGO, Mode.POLICY, Mode.HANDBACK, Mode.LOG, Mode.LOG)
+    modes = (Mode.EGO, Mode.OWN_INTENT, Mode.HANDBACK, Mode.LOG, Mode.LOG)
     assert [colour(box) for box in boxes] == [COLOURS[mode][0] for mode in modes]
     ego = boxes[0]
     assert (ego.type, ego.header.stamp.sec, ego.header.stamp.nanosec) == (Marker.CUBE, 2, 500_000_000)
@@ -135,7 +135,8 @@ def takeover(agent: int, opponent: int, state: int) -> Takeover:
 
 def test_conflicts_say_who_meets_whom_where_and_where_to(agent_table: Make) -> None:
     table = agent_table(7, {"id": 1, "x": 50.0}, {"id": 2, "x": 40.0, "length": 9.0})
-    message = Takeovers(step=7, takeovers=[takeover(2, 1, Takeover.HELD), takeover(3, 1, Takeover.HANDBACK)])
+    states = {2: Takeover.HELD, 3: Takeover.HANDBACK, 4: Takeover.OWN_INTENT}
+    message = Takeovers(step=7, takeovers=[takeover(agent, 1, state) for agent, state in states.items()])
     layer = ConflictLayer()
     markers = layer.draw(message, table)
     (box,), (line,), (path,), (goal,) = (of(markers, ns) for ns in ("conflicts", "opponents", "paths", "goals"))
@@ -144,7 +145,7 @@ def test_conflicts_say_who_meets_whom_where_and_where_to(agent_table: Make) -> N
     assert [(point.x, point.y) for point in path.points] == [(0.0, 0.0), (10.0, 1.0), (30.0, 2.0)]
     assert colour(path) == COLOURS[Mode.POLICY][0]
     assert (goal.pose.position.x, goal.pose.position.y) == (30.0, 2.0)
-    assert handing_back(message) == {3}
+    assert modes_off_log(message) == {2: Mode.POLICY, 3: Mode.HANDBACK, 4: Mode.OWN_INTENT}
     cleared = by_key(layer.draw(Takeovers(step=8), table)).values()
     assert [each.action for each in cleared] == [Marker.DELETE] * 4
 

@@ -214,6 +214,7 @@ def _series(run: Run, tracks: Tracks, ghosts: Tracks) -> dict[str, Any]:
         **{name: _values(series) for name, series in _comfort(run, tracks).items()},
         "deviation": {str(agent): _values(values) for agent, values in far if agent != ego},
         "policy": _values(counts(tracks, Mode.POLICY)),
+        "own": _values(counts(tracks, Mode.OWN_INTENT)),
         "handback": _values(counts(tracks, Mode.HANDBACK)),
     }
 

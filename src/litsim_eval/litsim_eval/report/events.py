@@ -85,6 +85,8 @@ def _takeover(entry: dict[str, Any], dt: float, ego: int) -> EventRow:
 def _back(entry: dict[str, Any], dt: float) -> str:
     """Returns a text on when the agent was back on its log, or why it was not."""
     outcome, step = entry.get("outcome"), entry.get("released_step")
+    if outcome == Outcome.OWN_INTENT:
+        return f"own intent from {entry['own_intent_step'] * dt:.1f} s"
     if outcome == Outcome.LEFT_NET:
         return "left the net"
     if outcome == Outcome.OUTLIVED_LOG:

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from litsim_eval.analysis.measures.standoff import standoff_text
+from litsim_eval.analysis.measures.takeover import Outcome
 from litsim_eval.analysis.measures.timing import pace_text
 from litsim_eval.report.wording import lockstep_text, measured
 from litsim_sim.core.run_end import RunEnd
@@ -82,7 +83,7 @@ def _ledger_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             _plain(each["overlap_probability"]),
             replay,
             f"{each['held_s']:.1f}",
-            _time(each["released_step"]),
+            "own intent" if each["outcome"] == Outcome.OWN_INTENT else _time(each["released_step"]),
             _plain(each["residual_m"]),
         )
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.core.colours import Mode
+from litsim_sim.core.colours import MODES_OFF_LOG, Mode
 from litsim_sim.core.scene import AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
-from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run
 
 MOTION = ("x", "y", "yaw", "speed", "acceleration")
@@ -62,14 +61,14 @@ class Tracks:
 
 
 def tracks_of(run: Run) -> Tracks:
-    """Returns every agent of a run; POLICY is distinguished from HANDBACK by the takeovers."""
+    """Returns every agent of a run; modes of agents under POLICY are told apart by the takeovers."""
     tracks = collect(run.steps, run.tables[0].step, run.tables[-1].step)
     for step, records in run.takeovers.items():
         frame = step - tracks.first
         for record in records if 0 <= frame < tracks.frames else ():
             row = tracks.row(record.agent)
-            if row >= 0 and record.state != TakeoverState.HELD and tracks.mode[row, frame] == Mode.POLICY:
-                tracks.mode[row, frame] = Mode.HANDBACK
+            if row >= 0 and tracks.mode[row, frame] == Mode.POLICY:
+                tracks.mode[row, frame] = MODES_OFF_LOG[record.state]
     return tracks
 
 

@@ -116,10 +116,28 @@ class ConflictDetector:
         self._exempt(probability, futures, pairs, futures.by_log)
         return self._first_of_each(futures, pairs, probability, np.zeros(probability.shape))
 
-    def still_in_conflict(self, futures: Futures, agents: BoolArray, diverged: BoolArray) -> BoolArray:
-        """Returns the mask (n,) of `agents` whose logs lead into a conflict with agents `diverged` (masks)."""
+    def pairs(self, futures: Futures, agents: BoolArray, diverged: BoolArray) -> IntArray:
+        """Returns the pairs (m, 2) of `agents` with agents `diverged` (masks) in the region of each other."""
+        return self._pairs(futures, agents, diverged, agents)
+
+    def drive_into_conflict(self, futures: Futures, pairs: IntArray) -> BoolArray:
+        """Returns the mask (n,) of the first of `pairs`, also off their logs, whose own ways lead into a conflict.
+
+        As in :meth:`conflicts`, they are in none with those that merely follow them.
+        """
+        in_conflict, least = np.zeros(len(futures.table), np.bool_), self.config.probability_clear
+        if len(pairs):
+            own = PredictedMotion(futures.expected.states, futures.expected.valid)
+            pairs = pairs[may_overlap(pairs, own, futures.expected, futures.boxes, max(0.0, -quantile(least)))]
+            pairs = pairs[~followed(pairs, futures.covered.arrays)]
+            probability = mixture_overlap_probability(pairs, own, futures.expected, futures.sizes, least, first=True)
+            in_conflict[futures.rows[pairs[probability.any(axis=1), 0]]] = True
+        return in_conflict
+
+    def still_in_conflict(self, futures: Futures, pairs: IntArray) -> BoolArray:
+        """Returns the mask (n,) of the first of `pairs` whose logs lead into a conflict with the second."""
         least = self.config.probability_clear
-        pairs = self._within_reach(futures, self._pairs(futures, agents, diverged, agents), least)
+        pairs = self._within_reach(futures, pairs, least)
         in_conflict = np.zeros(len(futures.table), np.bool_)
         if not len(pairs):
             return in_conflict

@@ -19,8 +19,10 @@ from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, Takeo
 from litsim_sim.scenario.log import Log
 
 ObjectArray = npt.NDArray[Any]
-LOGGED = int(PathSource.LOGGED)
-HELD, HANDBACK, RELEASED = int(TakeoverState.HELD), int(TakeoverState.HANDBACK), int(TakeoverState.RELEASED)
+LOGGED, LANE = int(PathSource.LOGGED), int(PathSource.LANE)
+HELD, HANDBACK, RELEASED, OWN_INTENT = map(
+    int, (TakeoverState.HELD, TakeoverState.HANDBACK, TakeoverState.RELEASED, TakeoverState.OWN_INTENT)
+)
 STATES, REASONS, SOURCES = tuple(TakeoverState), tuple(TakeoverReason), tuple(PathSource)  # numbered from 0 on
 
 
@@ -70,6 +72,7 @@ class DivergedAgents:
         pose: (r, 3) x, y [m], yaw [rad] of the agent at the predicted overlap: its goal.
         in_conflict: whether its log leads into a conflict at this step.
         clear: steps in a row without conflict.
+        steady: steps in a row of driving on steadily; negative: of driving into a conflict; see :mod:`.own_intent`.
         path: :class:`ReferencePath` that it follows: to its goal and beyond while HELD, later `logged`.
         logged: :class:`ReferencePath` of its log.
         source: :class:`PathSource` of `path`.
@@ -93,6 +96,7 @@ class DivergedAgents:
     pose: FloatArray
     in_conflict: BoolArray
     clear: IntArray
+    steady: IntArray
     path: ObjectArray
     logged: ObjectArray
     source: ByteArray
@@ -115,7 +119,10 @@ class DivergedAgents:
         whole, real, byte = np.empty(0, np.int64), np.empty(0), np.empty(0, np.uint8)
         flags, paths = np.empty(0, np.bool_), np.empty(0, object)
         poses, passing = np.empty((0, 3)), (whole, whole, whole)
-        state, rest = (whole, whole, byte, byte, whole, real, real, poses), (flags, whole, paths, paths, byte, real)
+        state, rest = (
+            (whole, whole, byte, byte, whole, real, real, poses),
+            (flags, whole, whole, paths, paths, byte, real),
+        )
         return cls(*state, *rest, *passing, real)
 
     @classmethod
@@ -135,6 +142,7 @@ class DivergedAgents:
             pose=opening.goal[None],
             in_conflict=np.array([opening.in_conflict]),
             clear=np.array([0]),
+            steady=np.array([0]),
             path=path,
             logged=logged,
             source=np.array([opening.source], np.uint8),
@@ -194,7 +202,9 @@ class DivergedAgents:
 
     def pass_along(self, index: int, path: ReferencePath, lane: int, step: int) -> None:
         """Let the agent at position `index` follow `path` into `lane`, a row in `LaneMap.lanes`, from `step` on."""
-        self.path[index], self.source[index], self.state[index] = path, PathSource.LANE, TakeoverState.HELD
+        self.path[index], self.source[index] = path, PathSource.LANE
+        if self.state[index] == HANDBACK:
+            self.state[index] = HELD
         self.beside[index], self.changed_step[index], self.slowed[index], self.clear[index] = lane, step, 0, 0
         self.goal_s[index] = path.project(self.pose[index, :1], self.pose[index, 1:2])[0][0]
         self._paths = None

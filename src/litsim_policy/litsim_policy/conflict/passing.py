@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_policy.conflict.diverged import HELD, LOGGED, RELEASED, DivergedNow
+from litsim_policy.conflict.diverged import HELD, LOGGED, OWN_INTENT, RELEASED, DivergedNow
 from litsim_policy.motion.along_path import AlongPath, along_paths
 from litsim_policy.motion.lane_change import GAIN_MIN, LaneChanges, weigh_changes
 from litsim_policy.motion.lane_lines import NO_LANE, LaneLines
@@ -105,7 +105,8 @@ class Passing:
     def _stay_beside(self, now: DivergedNow) -> None:
         """Keep agents in their present lanes that were returning to those of their logs and are held again."""
         agents = now.agents
-        index = ((agents.changed_step >= 0) & (agents.state == HELD) & (agents.source == LOGGED)).nonzero()[0]
+        driven_on = (agents.state == HELD) | (agents.state == OWN_INTENT)
+        index = ((agents.changed_step >= 0) & driven_on & (agents.source == LOGGED)).nonzero()[0]
         if not len(index):
             return
         index = index[np.abs(agents.logged_paths.project(index, now.x[index], now.y[index]).d) > APART]

@@ -1,4 +1,4 @@
-"""The life cycle of a takeover: LOG, HELD by the policy, HANDBACK to the log, RELEASED."""
+"""The life cycle of a takeover: LOG, HELD by the policy or on by its OWN_INTENT, HANDBACK to the log, RELEASED."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ import numpy as np
 
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.detector import ConflictDetector, soonest
-from litsim_policy.conflict.diverged import HANDBACK, HELD, RELEASED, DivergedAgents, DivergedNow
+from litsim_policy.conflict.diverged import HANDBACK, HELD, OWN_INTENT, RELEASED, DivergedAgents, DivergedNow
 from litsim_policy.conflict.futures import Futures, PlannedPaths
 from litsim_policy.conflict.likelihood import LogLikelihood, LogRatios, unlikely_logs, with_changed
 from litsim_policy.conflict.opening import by_conflict, by_late_entry
+from litsim_policy.conflict.own_intent import drive_by_own_intent
 from litsim_policy.conflict.passing import Passing
 from litsim_policy.conflict.walking import WaysAhead
 from litsim_policy.conflict.way_back import obstructed, unneeded
@@ -160,7 +161,8 @@ class TakeoverManager:
             return
         mine = np.zeros(len(now.table), np.bool_)
         mine[now.rows[off_before]] = True
-        in_conflict = self._detector.still_in_conflict(futures, mine & ~now.table.obstacle, opponents)[now.rows]
+        pairs = self._detector.pairs(futures, mine & ~now.table.obstacle, opponents)
+        in_conflict = self._detector.still_in_conflict(futures, pairs)[now.rows]
         in_conflict |= ways.blocked(len(now.table))[now.rows]
         in_conflict |= now.agents.log_ratio < -UNLIKELY_STILL * self._config.unlikely
         now.agents.in_conflict[off_before] = in_conflict[off_before]
@@ -169,27 +171,33 @@ class TakeoverManager:
             free &= self._passing.may_return(now, off_before)
         index = free.nonzero()[0]
         free[index] = ~obstructed(now, index, self._scenario.log_overlaps)
-        move_on(self._config, now, off_before, free, unneeded(self._scenario, now, self._roi_m))
+        own = drive_by_own_intent(self._config, self._detector, now, futures, pairs)
+        move_on(self._config, now, off_before, free, own, unneeded(self._scenario, now, self._roi_m))
 
 
 def move_on(
-    config: ConflictConfig, now: DivergedNow, off_before: BoolArray, free: BoolArray, needless: BoolArray
+    config: ConflictConfig,
+    now: DivergedNow,
+    off_before: BoolArray,
+    free: BoolArray,
+    own: BoolArray,
+    needless: BoolArray,
 ) -> None:
     """Move agents off their logs, those of the mask `off_before` (r,), on to their next states, in place.
 
-    An agent that is not `free` (r,), as it is in conflict or its way back is taken, is HELD. One that has been free
-    for long enough is handed back along its logged path, and released as soon as the residuals allow it. A
-    `needless` one (r,) is released: its log is over and no agent nearby needs it.
+    An agent that is not `free` (r,), as it is in conflict or its way back is taken, is HELD, or drives on by its `own`
+    (r,) intent. One that has been free for long enough is handed back along its logged path, and released as soon as
+    the residuals allow it. A `needless` one (r,) is released: its log is over and no agent nearby needs it.
     """
     agents, least = now.agents, now.table.step - config.held_steps_min
     clear = np.where(free, agents.clear + 1, 0)
     passed = agents.paths.project(agents.paths.each, now.x, now.y).s >= agents.goal_s
-    held, may_end = agents.state == HELD, agents.detected_step <= least
+    held, may_end = agents.state != HANDBACK, agents.detected_step <= least
     stays = held & ~(may_end & (clear >= np.where(passed, config.clear_steps, 2 * config.clear_steps)))
     back = (now.residual_position <= RELEASE_POSITION) & (np.abs(now.residual_speed) <= RELEASE_SPEED)
     back &= (np.abs(now.residual_yaw) <= RELEASE_YAW) | now.table.obstacle[now.rows]  # who walks turns on the spot
     back = back | (config.handback == "at_once")
-    state = np.where(~free | stays, HELD, np.where(back & ~held, RELEASED, HANDBACK))
+    state = np.where(~free | stays, np.where(own, OWN_INTENT, HELD), np.where(back & ~held, RELEASED, HANDBACK))
     state[needless & may_end] = RELEASED
     agents.clear[off_before], agents.state[off_before] = clear[off_before], state[off_before]
     agents.return_to_log((off_before & (agents.state == HANDBACK)).nonzero()[0])

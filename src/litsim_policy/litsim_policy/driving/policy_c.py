@@ -20,7 +20,7 @@ from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.quantities import Flag, configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
-from litsim_sim.core.takeover import PathSource, Takeover, TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import PathSource, Takeover, TakeoverTable
 from litsim_sim.scenario.setting import Setting
 
 POLICY, GUARDED = int(ControlSource.POLICY), int(ControlSource.GUARDED)  # numpy takes plain numbers much faster
@@ -108,12 +108,12 @@ class PolicyC(Policy):
         self._follower = None if config.drivers == "none" else Follower(scenario, config.follower, drawn=drawn)
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Returns controls of every agent that is held or handed back."""
+        """Returns controls of every agent that is off its log."""
         walking = set(table.id[table.obstacle].tolist())
-        held = [t for t in takeovers.takeovers if t.state == TakeoverState.HELD and t.agent not in walking]
+        held = [t for t in takeovers.takeovers if t.state.drives_on and t.agent not in walking]
         passing = [t for t in held if t.path_source == PathSource.LANE]
         keeping = [t for t in held if t.path_source != PathSource.LANE]
-        by_rules = [t for t in takeovers.takeovers if t.state != TakeoverState.HELD or t.agent in walking]
+        by_rules = [t for t in takeovers.takeovers if not t.state.drives_on or t.agent in walking]
         return ControlTable.merged(
             self._keep(table, keeping), self._by_rules(table, by_rules), self._pass(table, passing)
         )

@@ -26,6 +26,7 @@ SPEED_MIN = 3.0  # [m/s] always allowed on a free path, even if the log stood th
 CLOSE_UP = 5.0  # [m] gap to the agent ahead, below which overlaps in the log itself are considered
 SOURCES = {
     TakeoverState.HELD: int(ControlSource.POLICY),
+    TakeoverState.OWN_INTENT: int(ControlSource.POLICY),
     TakeoverState.HANDBACK: int(ControlSource.HANDBACK),
     TakeoverState.RELEASED: int(ControlSource.LATE),
 }
@@ -51,8 +52,10 @@ class YieldPolicy(Policy):
         rows = table.rows(np.array([t.agent for t in listed], np.int64))
         acceleration, yaw_rate = np.zeros(len(listed)), np.zeros(len(listed))
         walks = table.obstacle[rows]
-        for which, rule in ((TakeoverState.HELD, self._hold), (TakeoverState.HANDBACK, self._hand_back)):
-            at = [k for k, t in enumerate(listed) if t.state == which and not walks[k]]
+        vehicles = [k for k in range(len(listed)) if not walks[k]]
+        on = [k for k in vehicles if listed[k].state.drives_on]
+        back = [k for k in vehicles if listed[k].state == TakeoverState.HANDBACK]
+        for at, rule in ((on, self._hold), (back, self._hand_back)):
             if at:
                 paths = PathBatch.of([listed[k].reference_path for k in at])
                 agents = PathFollowers(self._lane_map, table, rows[at], paths)

@@ -26,7 +26,7 @@ from litsim_research.policies.task import TaskConfig
 from litsim_sim.core.quantities import Flag, Length, NonNegative, Positive, Steps, Whole, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.core.stages import PREDICTOR
-from litsim_sim.core.takeover import PathSource, Takeover, TakeoverState
+from litsim_sim.core.takeover import PathSource, Takeover
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.simulation import Simulation
 
@@ -238,7 +238,7 @@ class Episodes:
         tasks = {
             t.agent: _Task(t.agent, t.reference_path, t.goal_pose[:2], due_step(t), opponent_of(t), taken_over=True)
             for t in self._takeovers
-            if t.state == TakeoverState.HELD and t.path_source != PathSource.LANE  # passing agents are driven by rules
+            if t.state.drives_on and t.path_source != PathSource.LANE  # passing agents are driven by rules
         }
         sampling = self.step_number < self.batch.history_steps + self._config.sample_steps
         sampled = self._sampled_agents.of(self._table, to_log_end=self._config.handback_ends) if sampling else []
@@ -295,7 +295,7 @@ class Episodes:
         still = np.array([agent in now for agent in driven.tolist()], np.bool_)
         driven_on = here & still & (after.step < self._end[scene]) & ~failed
         if self._config.handback_ends:
-            held = {t.agent for t in self._takeovers if t.state == TakeoverState.HELD}
+            held = {t.agent for t in self._takeovers if t.state.drives_on}
             back = np.array([agent not in held for agent in driven.tolist()], np.bool_)
             terminated |= (back & ~still) | ~here
         return Outcome(driven, following, motion, advice, penalty, terms, driven[here], terminated, driven_on)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+from litsim_sim.core.takeover import TakeoverState
+
 
 class Mode(IntEnum):
     """What moves an agent; the first three as in :class:`litsim_sim.core.scene.Controller`."""
@@ -12,16 +14,26 @@ class Mode(IntEnum):
     POLICY = 1
     EGO = 2
     HANDBACK = 3
-    ABSENT = 4
+    OWN_INTENT = 4
+    ABSENT = 5
 
 
 COLOURS = {  # as in the LitSim paper, and in assets/report.css
     Mode.EGO: ("#d62728", "ego"),
     Mode.POLICY: ("#2ca02c", "taken over"),
     Mode.HANDBACK: ("#86dcb5", "handing back"),
+    Mode.OWN_INTENT: ("#17a2b8", "own intent"),
     Mode.LOG: ("#f2c230", "log"),
 }
 """Colour and name of each mode."""
+
+MODES_OFF_LOG = {
+    TakeoverState.HELD: Mode.POLICY,
+    TakeoverState.OWN_INTENT: Mode.OWN_INTENT,
+    TakeoverState.HANDBACK: Mode.HANDBACK,
+    TakeoverState.RELEASED: Mode.HANDBACK,
+}
+"""Mode of an agent under POLICY, by the state of its takeover."""
 
 INK, FAINT, ROAD = "#30343b", "#c9cdd3", "#e6e8eb"
 """Colours of text and outlines, of background elements, and of the road."""

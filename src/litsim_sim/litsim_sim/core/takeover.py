@@ -20,6 +20,12 @@ class TakeoverState(IntEnum):
     HELD = 0
     HANDBACK = 1
     RELEASED = 2
+    OWN_INTENT = 3
+
+    @property
+    def drives_on(self) -> bool:
+        """Whether the policy drives the agent on along its path, rather than back to its log."""
+        return self in (TakeoverState.HELD, TakeoverState.OWN_INTENT)
 
 
 class TakeoverReason(IntEnum):

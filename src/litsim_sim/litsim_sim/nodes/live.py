@@ -24,7 +24,7 @@ from litsim_sim.nodes.live_server import LiveServer
 from litsim_sim.record.bag import BagTopic
 from litsim_sim.ros import cdr
 from litsim_sim.ros.definitions import definition, type_name
-from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, handing_back
+from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, modes_off_log
 from litsim_sim.ros.parameters import refuse_parameters
 from litsim_sim.ros.process import process, serve
 from litsim_sim.ros.topics import (
@@ -78,7 +78,7 @@ class LiveNode(Node):
         agents = deserialize_message(self._newest[AGENTS], AGENTS.type)
         table, takeovers = AgentTable.of_message(agents), self._of_run(TAKEOVERS, agents.run_id)
         if audience[MARKERS_AGENTS]:
-            self._publish(MARKERS_AGENTS, table.step, self._agents.draw(table, handing_back(takeovers)))
+            self._publish(MARKERS_AGENTS, table.step, self._agents.draw(table, modes_off_log(takeovers)))
         if audience[MARKERS_FORECASTS]:
             self._publish(MARKERS_FORECASTS, table.step, self._forecasts.draw(self._of_run(FORECASTS, agents.run_id)))
         if audience[MARKERS_CONFLICTS]:

@@ -5,7 +5,7 @@ Markers have no lifetime, so that a paused replay stays visible; vanished ones a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,9 @@ from litsim_msgs.msg import JointForecast, Takeover, Takeovers
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from litsim_sim.core.colours import COLOURS, CONFLICT, Mode
+from litsim_sim.core.colours import COLOURS, CONFLICT, MODES_OFF_LOG, Mode
 from litsim_sim.core.scene import AgentTable, FloatArray, Kind
+from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.ros.messages import header
 
 HEIGHT = 1.6  # [m] height of the boxes; recordings do not have it
@@ -60,16 +61,16 @@ class Layer:
 class AgentLayer(Layer):
     """Boxes (namespace `agents`) with the speed in m/s above (namespace `speed`); pedestrians are cylinders."""
 
-    def draw(self, table: AgentTable, handing_back: frozenset[int] = frozenset()) -> MarkerArray:
-        """Returns the markers of `table`; the ids in `handing_back` are on their way back to the log."""
-        return self.array(table.step, self._markers(table, handing_back))
+    def draw(self, table: AgentTable, modes: Mapping[int, Mode] = {}) -> MarkerArray:
+        """Returns the markers of `table`; `modes` are those of agents under POLICY, by id, as far as they are known."""
+        return self.array(table.step, self._markers(table, modes))
 
-    def _markers(self, table: AgentTable, handing_back: frozenset[int]) -> Iterator[tuple[_Key, Marker]]:
+    def _markers(self, table: AgentTable, modes: Mapping[int, Mode]) -> Iterator[tuple[_Key, Marker]]:
         names = ("id", "kind", "controller", "x", "y", "yaw", "speed", "length", "width")
         finite = np.isfinite(table.x + table.y + table.yaw + table.speed)
         columns = [getattr(table, name)[finite].tolist() for name in names]
         for agent, kind, controller, x, y, yaw, speed, length, width in zip(*columns, strict=True):
-            mode = Mode.HANDBACK if controller == Mode.POLICY and agent in handing_back else controller
+            mode = modes.get(agent, controller) if controller == Mode.POLICY else controller
             key, box = self.marker("agents", agent, Marker.CYLINDER if kind == Kind.PEDESTRIAN else Marker.CUBE)
             _place(box.pose, x, y, 0.5 * HEIGHT, yaw)
             box.scale.x, box.scale.y, box.scale.z = length, width, HEIGHT
@@ -134,9 +135,9 @@ class ConflictLayer(Layer):
         yield key, end
 
 
-def handing_back(message: Takeovers) -> frozenset[int]:
-    """Returns the agents that are on their way back to the log."""
-    return frozenset(takeover.agent for takeover in message.takeovers if takeover.state != Takeover.HELD)
+def modes_off_log(message: Takeovers) -> dict[int, Mode]:
+    """Returns the modes of the agents off their logs, by id."""
+    return {takeover.agent: MODES_OFF_LOG[TakeoverState(takeover.state)] for takeover in message.takeovers}
 
 
 def _colour(text: str, alpha: float = 1.0) -> ColorRGBA:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_eval.analysis.measures.takeover import handbacks, jump, ledger
+from litsim_eval.analysis.measures.takeover import Outcome, handbacks, jump, ledger
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.analysis.tables import takeovers_table
 from litsim_sim.core.scene import Controller
@@ -15,7 +15,7 @@ from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
 from made_agents import takeover
 
 Make = Callable[..., Any]
-HELD, HANDBACK, RELEASED = TakeoverState
+HELD, HANDBACK, RELEASED, OWN_INTENT = TakeoverState
 
 
 def record(agent: int, state: TakeoverState = HELD, **values: Any) -> Takeover:
@@ -146,6 +146,18 @@ def test_two_takeovers_of_one_agent_are_two(table: Make, make_run: Make) -> None
     takeovers = episode(2, 5, 8, 10) | episode(2, 11, 13, 15) | {20: [record(2, detected_step=20)]}
     entries = ledger(make_run(log, log, takeovers=takeovers))
     assert [(e.detected_step, e.released_step) for e in entries] == [(5, 10), (11, 15), (20, None)]
+
+
+def test_who_drives_by_its_own_intent_at_the_end_is_told_apart(table: Make, make_run: Make) -> None:
+    """Held again between, the time before does not count; back on its log later, own intent is no outcome."""
+    log = follower_log(table)
+    states = [HELD] * 5 + [OWN_INTENT] * 5 + [HELD] * 5 + [OWN_INTENT] * 21
+    records = {5 + k: [record(2, state)] for k, state in enumerate(states)}
+    (entry,) = ledger(make_run(log, log, takeovers=records))
+    assert (entry.own_intent_step, entry.released_step, entry.outcome) == (20, None, Outcome.OWN_INTENT)
+    back = {k: [record(2, RELEASED if k == 39 else HANDBACK)] for k in range(36, 40)}
+    (entry,) = ledger(make_run(log, log, takeovers={k: of for k, of in records.items() if k < 40} | back))
+    assert (entry.own_intent_step, entry.released_step, entry.outcome) == (None, 39, Outcome.OFF_LOG)
 
 
 def handed_back(table: Make, moved: Make, offset: float, **other: float) -> tuple[list[Any], list[Any]]:

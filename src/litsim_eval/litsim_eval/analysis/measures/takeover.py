@@ -55,6 +55,7 @@ class Outcome(StrEnum):
     LOG_OVER = "log_over"  # released, and removed at the end of its log
     LEFT_NET = "left_net"  # removed under control: it left the net after the end of its log
     OUTLIVED_LOG = "outlived_log"  # under control at the last step, after the end of its log
+    OWN_INTENT = "own_intent"  # driving by its own intent at the last step: no conflict, but a log that is too fast
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,7 @@ class LedgerEntry:
         opponent: id of the other agent of the predicted overlap.
         reason: name of a :class:`TakeoverReason`, in small letters.
         detected_step: step of the detection.
+        own_intent_step: first step of driving by its own intent, if the takeover ended so; else None.
         handback_step: first step of the handback; None without one.
         released_step: last step off the log; None if the run or the agent's presence ended before.
         outcome: how the takeover ended; None if the run ended first, before the log.
@@ -93,6 +95,7 @@ class LedgerEntry:
     opponent: int
     reason: str
     detected_step: int
+    own_intent_step: int | None
     handback_step: int | None
     released_step: int | None
     outcome: Outcome | None
@@ -284,6 +287,7 @@ def _entry(run: Run, episode: Episode, contact: tuple[int, int] | None, least: f
         opponent=first.opponent,
         reason=first.reason.name.lower(),
         detected_step=first.detected_step,
+        own_intent_step=_own_intent_step(episode),
         handback_step=next((step for step, record in episode if record.state == TakeoverState.HANDBACK), None),
         released_step=last_step if released else None,
         outcome=_outcome(run, last, last_step),
@@ -313,12 +317,23 @@ def _ego_distance(run: Run, agent: int, step: int) -> float | None:
     return float(np.hypot(table.x[i] - table.x[j], table.y[i] - table.y[j])) if min(i, j) >= 0 else None
 
 
+def _own_intent_step(episode: Episode) -> int | None:
+    """Returns the first step of the state with which `episode` ends, if that is driving by the own intent."""
+    begin = None
+    for step, record in episode:
+        own = record.state == TakeoverState.OWN_INTENT
+        begin = (step if begin is None else begin) if own else None
+    return begin
+
+
 def _outcome(run: Run, last: Takeover, last_step: int) -> Outcome | None:
     """Returns the outcome of the takeover with its `last` record at `last_step`."""
     agent, released = last.agent, last.state == TakeoverState.RELEASED
     on_log = Outcome.BACK_ON_LOG if last.residual_position <= BACK_WITHIN else Outcome.OFF_LOG
     after = int(run.steps.step.searchsorted(last_step, "right"))
     if after == len(run.steps):
+        if last.state == TakeoverState.OWN_INTENT:
+            return Outcome.OWN_INTENT
         outlived = bool(run.log) and run.log[-1].row(agent) < 0
         return on_log if released else Outcome.OUTLIVED_LOG if outlived else None
     there = run.steps[after].row(agent) >= 0
@@ -400,6 +415,10 @@ def _released(run: Metrics) -> float:
     return sum(each["released_step"] is not None for each in run["ledger"])
 
 
+def _by_own_intent(run: Metrics) -> float:
+    return sum(each["outcome"] == Outcome.OWN_INTENT for each in run["ledger"])
+
+
 def _held_to_the_end(run: Metrics) -> float:
     return sum(each["released_step"] is None and each["outcome"] is None for each in run["ledger"])
 
@@ -420,6 +439,7 @@ OF_LEDGER = (
         share=True,
         of_control=True,
     ),
+    Row("own_intent", title="driving by their own intent at the end", figure=_by_own_intent, of_control=True),
     Row("releases_missing", title="held to the end of the run", figure=_held_to_the_end, of_control=True),
     Row("held_s", title="time under control", unit="s", figure=_held_s, of_control=True),
 )

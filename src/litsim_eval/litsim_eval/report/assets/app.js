@@ -13,7 +13,7 @@ const TOGGLES = ["plan", "ghosts", "forecasts", "conflicts"];
 class Player {
   constructor(scene) {
     Object.assign(this, { scene, time: 0, playing: false, speed: 1, then: 0 });
-    this.drivers = ["its log", "the policy", scene.ego_by, "the way back to its log"];
+    this.drivers = ["its log", "the policy", scene.ego_by, "the way back to its log", "its own intent"];
     document.querySelector(".stage").classList.toggle("flat", scene.isFlat());
     this.view = new BirdView($$("view"), scene);
     this.charts = makeCharts($$("plots"), scene, (time) => this.seek(time));
@@ -149,7 +149,7 @@ class Player {
 
   #legend() {
     const seen = new Set(this.scene.arrays.mode);
-    for (const mode of [2, 1, 3, 0]) {
+    for (const mode of [2, 1, 4, 3, 0]) {
       if (!seen.has(mode)) continue;
       const item = document.createElement("li");
       item.className = COLOURS[mode];
@@ -203,8 +203,9 @@ class Player {
     const x = (frame) => (frame / Math.max(this.scene.last, 1)) * width;
     this.scene.takeovers.forEach((records, k) => {
       if (!records.length) return;
-      const held = records.some(({ state }) => state === "held");
-      svg("rect", { x: x(k), y: 6, width: x(1) + 0.5, height: 4, class: held ? "policy" : "handback" }, strip);
+      const states = records.map(({ state }) => state);
+      const of = states.includes("held") ? "policy" : states.includes("own_intent") ? "own" : "handback";
+      svg("rect", { x: x(k), y: 6, width: x(1) + 0.5, height: 4, class: of }, strip);
     });
     for (const { step, in_log: logged } of this.scene.contacts) {
       if (!logged) svg("rect", { x: x(this.scene.frameOf(step)) - 1, y: 0, width: 2.5, height: 14, class: "conflict" }, strip);

@@ -1,6 +1,6 @@
 // Pictures of runs: a scene from above, and below it a strip of time with takeovers and contacts.
 
-const MODES = ["log", "policy", "ego", "handback"]; // as in litsim_sim.core.colours
+const MODES = ["log", "policy", "ego", "handback", "own"]; // as in litsim_sim.core.colours
 const STRIP = 7; // [px] height of the strip of time
 const RING = 28; // around a contact, in the units of pictures
 

@@ -151,6 +151,7 @@ function makeCharts(host, scene, seek) {
   ];
   const far = Object.entries(series.deviation).map(([id, values]) => ({ values, style: "policy", id: Number(id) }));
   const off = [{ values: series.policy, style: "policy", label: "taken over" }];
+  if (series.own.some(Boolean)) off.push({ values: series.own, style: "own", label: "own intent" });
   if (series.handback.some(Boolean)) off.push({ values: series.handback, style: "handback", label: "handing back" });
   const ofEgo = (values) => [{ values, style: "ego", label: "ego" }];
   const within = (unit, [low, high]) => `${unit}, in comfort from ${low} to ${high}`;

@@ -1,6 +1,6 @@
 // The run as the player reads it.
 
-const ABSENT = 4;
+const ABSENT = 5;
 
 // Agents, their motion and what was decided about them. A time is a position between frames, as 12.4.
 class Scene {

@@ -1,8 +1,8 @@
 // The bird's-eye view. World coordinates are metres, y up; the camera turns the road of the ego to the right.
 
 const ROUND = new Set(["pedestrian", "bicycle"]);
-const COLOURS = ["log", "policy", "ego", "handback"]; // by mode; CSS variables --agent-*
-const NAMES = ["log", "taken over", "ego", "handing back"];
+const COLOURS = ["log", "policy", "ego", "handback", "own"]; // by mode; CSS variables --agent-*
+const NAMES = ["log", "taken over", "ego", "handing back", "own intent"];
 const SCALES = [0.3, 80]; // pixels a metre
 
 class BirdView {
@@ -134,7 +134,7 @@ class BirdView {
     if (this.shows.ghosts) this.#drawGhosts(time);
     const poses = this.scene.agents.map((_, row) => this.scene.pose(row, time));
     poses.forEach((pose, row) => pose && this.#drawAgent(row, pose, time));
-    for (const record of shown) this.#drawConflict(record, poses);
+    for (const record of shown) if (record.state !== "own_intent") this.#drawConflict(record, poses);
     c.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     this.#drawLabels(poses, time);
     this.#drawScaleBar();
@@ -296,7 +296,7 @@ class BirdView {
 
   #drawPath({ path, goal, state }) {
     const { context: c } = this;
-    c.strokeStyle = this.agentColours[state === "held" ? 1 : 4];
+    c.strokeStyle = this.agentColours[state === "held" ? 1 : state === "own_intent" ? 4 : 3];
     c.lineWidth = this.#pixels(1.6);
     c.stroke(this.paths[path]);
     if (!goal) return;
