@@ -143,17 +143,18 @@ def test_the_ledger_shows_contacts_and_takeovers(
     hit = [t if t.step < 50 else moved([t], 3, y=3.66)[0] for t in run.tables]  # into the ego from behind
     metrics = compute_metrics(replace(run, tables=hit))
     taken = {"agent": 2, "opponent": 1, "reason": "conflict", "detected_step": 21, "released_step": 40, "held_s": 2.0}
-    found = {"time_to_conflict_s": 1.5, "overlap_probability": 0.4, "residual_m": 5.0, "false_alarm": False}
+    taken |= {"time_to_conflict_s": 1.5, "overlap_probability": 0.4, "residual_m": 5.0, "false_alarm": False}
+    taken |= {"outcome": "back_on_log"}
     unpredicted = {"reason": "blocked_entry", "time_to_conflict_s": None, "overlap_probability": None}
     metrics["ledger"] = [
-        taken | found | {"replay_would_collide": True, "replay_step": 36, "replay_opponent": 1},
-        taken | found | unpredicted | {"released_step": None, "replay_would_collide": False},
+        taken | {"replay_would_collide": True, "replay_step": 36, "replay_opponent": 1},
+        taken | unpredicted | {"released_step": None, "outcome": "own_intent", "replay_would_collide": False},
     ]
     print_ledger(metrics)
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["3", "5.0", "rear", "other", "0.00", "hits", "too", "hits", "too"] in lines
     assert ["2", "conflict", "1", "2.1", "1.5", "0.40", "hits", "1", "at", "3.6", "2.0", "4.0", "5.00"] in lines
-    assert ["2", "blocked", "entry", "1", "2.1", "-", "-", "no", "contact", "2.0", "-", "5.00"] in lines
+    assert ["2", "blocked", "entry", "1", "2.1", "-", "-", "no", "contact", "2.0", "own", "intent", "5.00"] in lines
 
 
 def said(*statuses: Status) -> list[Status]:
