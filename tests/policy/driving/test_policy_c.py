@@ -134,7 +134,7 @@ def test_weights_come_back(policy, seen, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "config", [ObservationConfig("distance", 5, 40.0), ObservationConfig(ahead=True), ObservationConfig(residual=True)]
+    "config", [ObservationConfig(5, 40.0), ObservationConfig(ahead=True), ObservationConfig(residual=True)]
 )
 def test_what_is_observed_comes_back(tmp_path: Path, config: ObservationConfig) -> None:
     path = tmp_path / "w.safetensors"
@@ -158,8 +158,8 @@ def changed(path: Path, out: Path, tensors: dict[str, torch.Tensor | None], **me
         ({"mean.bias": torch.full((3,), float("nan"))}, {}, "tensor mean.bias holds non-finite"),
         ({}, {"format": "something else"}, "expected 'litsim policy C, 1'"),
         ({}, {"observation.slots": "9"}, r"hidden0.weight has shape .* expected \(128, 88\)"),
-        ({}, {"observation.arrange": "by colour"}, "expected arrange sector or distance"),
-        ({}, {"observation.slots": "many"}, "expected arrange sector or distance"),
+        ({}, {"observation.arrange": "by colour"}, "observation.arrange is 'by colour', expected 'sector'"),
+        ({}, {"observation.slots": "many"}, "expected slots a number"),
         ({}, {"observation.ahead": "perhaps"}, "the others True or False"),
         ({}, {"observation.ahead": "True"}, r"hidden0.weight has shape .* expected \(128, 87\)"),
     ],

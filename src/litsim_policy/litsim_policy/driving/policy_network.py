@@ -24,7 +24,6 @@ LAYERS = ("hidden0", "hidden1", "mean")
 FORMAT = "litsim policy C, 1"
 PACKAGED = ("residual", "critic")
 PARSED: dict[str, Callable[[str], Any]] = {
-    "arrange": str,
     "slots": int,
     "sight": float,
     **dict.fromkeys(("ahead", "residual"), {"True": True, "False": False}.__getitem__),
@@ -93,11 +92,13 @@ def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:
     """Returns the observation in a file's metadata; older files lack fields."""
     usual = {"observation.ahead": "False", "observation.residual": "False"}
     values = {field: (usual | metadata).get(f"observation.{field}", "") for field in vars(ObservationConfig())}
+    if (arranged := metadata.get("observation.arrange", "sector")) != "sector":  # which newer files do not tell
+        raise InputError(f"{path}: metadata observation.arrange is {arranged!r}, expected 'sector'")
     try:
         return ObservationConfig(**{field: parse(values[field]) for field, parse in PARSED.items()})
     except (ValueError, KeyError) as error:
         given = ", ".join(f"{field} {value!r}" for field, value in values.items())
         raise InputError(
-            f"{path}: metadata observation is {given}, expected arrange sector or distance, slots a number, sight in "
+            f"{path}: metadata observation is {given}, expected slots a number, sight in "
             "metres, and the others True or False"
         ) from error

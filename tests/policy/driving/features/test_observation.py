@@ -89,16 +89,6 @@ def test_sectors_begin_ahead_and_go_counter_clockwise(scenario, agent_table, lan
     assert around[6, 3] == pytest.approx(-1.0)
 
 
-def test_by_distance_the_nearest_come_first(scenario, agent_table, lane_centres) -> None:
-    y = lane_centres[2]
-    others = [{"id": i, "x": 100.0 + ahead, "y": y} for i, ahead in ((1, 30.0), (3, 10.0), (4, 70.0), (5, -20.0))]
-    table = agent_table(NOW, {"id": 2, "x": 100.0, "y": y}, *others)
-    config = ObservationConfig("distance", slots=6, sight=60.0)
-    around = groups(Observer(scenario.lane_map, config).observe(table, [task(2, y)])[0], 6)["around"]
-    assert around[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]  # the one at 70 m is out of sight
-    assert around[:3, 1] * DISTANCE == pytest.approx([10.0, 20.0, 30.0])
-
-
 def test_the_way(scenario, agent_table, lane_centres) -> None:
     y = lane_centres[2]
     table = agent_table(
@@ -212,12 +202,11 @@ def test_a_window_of_a_path_changes_nothing_near(scenario, agent_table, lane_cen
     assert observer.observe(table, [part]) == pytest.approx(observer.observe(table, [whole]))
 
 
-@pytest.mark.parametrize("arrange", ["sector", "distance"])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_surrounding_is_what_going_through_all_others_one_by_one_gives(
-    scenario, agent_table, lane_centres, arrange: str, seed: int
+    scenario, agent_table, lane_centres, seed: int
 ) -> None:
-    random, config = np.random.default_rng(seed), ObservationConfig(arrange, 6, 40.0)
+    random, config = np.random.default_rng(seed), ObservationConfig(6, 40.0)
     places = np.column_stack([100.0 + 60.0 * random.random(25), random.choice(lane_centres, 25)])
     agents = [
         {"id": k, "x": x, "y": y, "yaw": random.normal(0.0, 0.3), "speed": 10.0 * random.random()}
@@ -240,8 +229,6 @@ def test_the_surrounding_is_what_going_through_all_others_one_by_one_gives(
             sector = int(np.floor(bearing / (2 * np.pi / 6) + 0.5)) % 6
             near.append((apart, sector, [1.0, apart / DISTANCE, table.speed[j] / SPEED, *directions]))
         near.sort(key=lambda found: found[0])
-        for place, (_, sector, values) in reversed(list(enumerate(near))):
-            slot = sector if arrange == "sector" else place
-            if slot < 6:
-                expected[slot] = values
+        for _, sector, values in reversed(near):
+            expected[sector] = values
         assert groups(row, 6)["around"] == pytest.approx(expected, abs=1e-12)

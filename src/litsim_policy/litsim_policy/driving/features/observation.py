@@ -15,7 +15,6 @@ groups:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 
@@ -38,16 +37,14 @@ class ObservationConfig:
     """How surrounding agents are chosen.
 
     Attributes:
-        arrange: `sector` for the nearest agent in each of `slots` equal sectors, the first centred ahead, then
-            counter-clockwise; `distance` for the `slots` nearest agents, nearest first.
-        slots: number of observed agents.
+        slots: number of equal sectors, the first centred ahead, then counter-clockwise; in each, the nearest agent is
+            observed.
         sight: range beyond which agents are ignored.
         ahead: whether :data:`.way.AHEAD_FEATURES` are included.
         residual: whether actions are added to the commands that drive on as the log does, with the present lag; then
             :data:`.way.LOG_FEATURES` are included.
     """
 
-    arrange: Literal["sector", "distance"] = "sector"
     slots: Positive[Whole] = 8
     sight: Positive[Length] = 60.0
     ahead: Flag = False
@@ -94,8 +91,7 @@ class Observer:
         features = np.zeros((len(scene), config.size))
         if len(scene):
             _write_core(scene.agents.table.arrays, scene.agents.rows, features)
-            by_sector = config.arrange == "sector"
-            write_surrounding(scene.agents, config.sight, config.slots, CORE, features, by_sector=by_sector)
+            write_surrounding(scene.agents, config.sight, config.slots, CORE, features)
             self._road.write(scene.agents, config.road_at, features)
             if config.ahead:
                 write_ahead(scene.agents, config.sight, config.ahead_at, features)

@@ -1,4 +1,4 @@
-"""Features of the agents around an agent: the nearest of all, or the nearest in each sector.
+"""Features of the agents around an agent: the nearest in each sector.
 
 The features of a slot (7): present, distance of the front ends, speed, sine and cosine of the bearing, sine and cosine
 of the relative heading. A slot without an agent is all zeros.
@@ -39,24 +39,18 @@ class SeenPairs(NamedTuple):
 
 
 class Slots(NamedTuple):
-    """The slots: whether each is a sector, their number, and the position of their first feature."""
+    """The slots, one a sector: their number, and the position of their first feature."""
 
-    by_sector: bool
     number: int
     first: int
 
 
-def write_surrounding(
-    agents: PathFollowers, sight: float, slots: int, first: int, features: FloatArray, *, by_sector: bool
-) -> None:
-    """Write features of the agents within `sight` [m] of each of `agents` into `features` (m, size), from `first` on.
-
-    If `by_sector`, each slot is a sector; otherwise slots hold the nearest agents, nearest first.
-    """
+def write_surrounding(agents: PathFollowers, sight: float, slots: int, first: int, features: FloatArray) -> None:
+    """Write features of the agents within `sight` [m] of each of `agents` to `features` (m, size), from `first` on."""
     table, rows = agents.table.arrays, agents.rows
     observer, agent, ahead, left = _pairs_in_sight(table, rows, agents.own, sight)
     pairs = SeenPairs(observer, agent, ahead, left, np.arctan2(left, ahead))
-    _write(pairs, table, rows, agents.yaw, Slots(by_sector, slots, first), features)
+    _write(pairs, table, rows, agents.yaw, Slots(slots, first), features)
 
 
 @kernel
@@ -83,7 +77,7 @@ def _pairs_in_sight(
 def _write(
     pairs: SeenPairs, agents: AgentArrays, rows: Ints, own_yaw: Floats, slots: Slots, features: OutFloats2
 ) -> None:
-    """Write the surrounding agents: the nearest per sector, or of all; of equally near ones the lower row."""
+    """Write the surrounding agents: the nearest per sector; of equally near ones the lower row."""
     observer, agent, ahead, left, bearing = pairs
     chosen = np.full((len(rows), slots.number), -1, np.int64)
     near = np.full((len(rows), slots.number), np.inf)
@@ -91,26 +85,17 @@ def _write(
         i, turn = observer[k], agents.yaw[agent[k]] - own_yaw[observer[k]]
         front, own_front = 0.5 * agents.length[agent[k]], 0.5 * agents.length[rows[i]]
         apart = math.hypot(ahead[k] + front * math.cos(turn) - own_front, left[k] + front * math.sin(turn))
-        if slots.by_sector:
-            at = int(np.floor(bearing[k] / (2.0 * math.pi / slots.number) + 0.5)) % slots.number
-            if apart < near[i, at]:
-                chosen[i, at], near[i, at] = k, apart
-            continue
-        at = slots.number
-        while at > 0 and apart < near[i, at - 1]:
-            at -= 1
-        for later in range(slots.number - 1, at, -1):
-            chosen[i, later], near[i, later] = chosen[i, later - 1], near[i, later - 1]
-        if at < slots.number:
-            chosen[i, at], near[i, at] = k, apart
+        sector = int(np.floor(bearing[k] / (2.0 * math.pi / slots.number) + 0.5)) % slots.number
+        if apart < near[i, sector]:
+            chosen[i, sector], near[i, sector] = k, apart
     for i in range(len(rows)):
-        for at in range(slots.number):
-            k, place = chosen[i, at], slots.first + SLOT * at
+        for sector in range(slots.number):
+            k, place = chosen[i, sector], slots.first + SLOT * sector
             if k < 0:
                 continue
             turn = agents.yaw[agent[k]] - own_yaw[i]
             features[i, place] = 1.0
-            features[i, place + 1] = near[i, at] / DISTANCE
+            features[i, place + 1] = near[i, sector] / DISTANCE
             features[i, place + 2] = agents.speed[agent[k]] / SPEED
             features[i, place + 3], features[i, place + 4] = math.sin(bearing[k]), math.cos(bearing[k])
             features[i, place + 5], features[i, place + 6] = math.sin(turn), math.cos(turn)
