@@ -33,7 +33,7 @@ from litsim_sim.kernels.garbage import without_collection
 from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
 
-pytest_plugins = ["made_runs", "driven_runs", "straight_tracks"]  # fixtures that tests of several packages use
+pytest_plugins = ["made_runs", "driven_runs"]  # fixtures that tests of several packages use
 
 # Real data, where they lie beside the project; elsewhere the tests that need them are skipped and say so.
 BESIDE = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -12,7 +12,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import find_mcap
 from litsim_sim.record.seal import read_seal
 
-CHEAT = Path(__file__).with_name("cheating_stack.py")
+CHEAT = Path(__file__).parents[1] / "programs/cheating_stack.py"
 ALONE = "publishes on /litsim/{}, expected only {} of this run"
 TOLD = {
     "end": ALONE.format("recorded", "recorder"),
