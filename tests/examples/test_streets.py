@@ -1,4 +1,4 @@
-"""The timing plan and the windows of examples/lankershim, and the fit of the plan's offset to vehicles."""
+"""The timing plan and the windows of examples/streets, and the fit of the plan's offset to vehicles."""
 
 import importlib.util
 import sys
@@ -19,7 +19,7 @@ from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import packaged
 from litsim_sim.scenario.signals import SignalsFile, signals_of
 
-FOLDER = Path(__file__).resolve().parents[2] / "examples" / "lankershim"
+FOLDER = Path(__file__).resolve().parents[2] / "examples" / "streets"
 LINKS = read_links(packaged("nets/urban_like.net.xml"))
 LINE, STEPS = -114.6, 200
 PLAN = SignalsFile.model_validate(
@@ -38,7 +38,7 @@ PLAN = SignalsFile.model_validate(
 
 @pytest.fixture(scope="module")
 def windows() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("lankershim_windows", FOLDER / "windows.py")
+    spec = importlib.util.spec_from_file_location("street_windows", FOLDER / "windows.py")
     assert spec is not None and spec.loader is not None
     sys.path.insert(0, str(FOLDER))  # of plan_offset
     module = importlib.util.module_from_spec(spec)
@@ -56,7 +56,9 @@ def test_windows_that_overlap_become_one(windows: ModuleType) -> None:
     ]
     rows += [("USA_Lanker-b", 1, 1, 97.0)]
     table = pd.DataFrame(rows, columns=["scenario", "vehicle_id", "frame", "x_m"]).assign(y_m=1.0)
-    made = windows.joined(table, windows.Window({"a": (0, 10.0, 0.0), "b": (1, -80.0, 0.0)}, reported=True))
+    made = windows.joined(
+        table, windows.Window({"Lanker-a": (0, 10.0, 0.0), "Lanker-b": (1, -80.0, 0.0)}, reported=True)
+    )
     assert made[["frame", "x_m", "y_m"]].to_numpy().tolist() == [[0, 15.0, 1.0], [1, 16.0, 1.0], [2, 17.0, 1.0]]
 
 
@@ -113,8 +115,10 @@ def test_vehicles_that_no_offset_explains_are_counted(windows: ModuleType) -> No
 @pytest.mark.data
 @pytest.mark.usefixtures("netconvert")
 def test_the_plan_is_of_the_map(windows: ModuleType, real_data: Callable[..., Path], tmp_path: Path) -> None:
-    CommonRoad().write_net(real_data(windows.MAP), None, tmp_path / "l.net.xml")
-    plan = read_yaml(FOLDER / "plan.yaml", SignalsFile)
+    CommonRoad().write_net(
+        real_data(f"maps/commonroad/{windows.MAPS['lankershim']}_map.xml"), None, tmp_path / "l.net.xml"
+    )
+    plan = read_yaml(windows.PLAN, SignalsFile)
     signals = signals_of(plan, read_links(tmp_path / "l.net.xml"), 1001)
     assert signals.groups == ("east", "north", "south", "south_left", "west")
     assert len(signals.links) == 19  # all but the right turn from 3568_0
