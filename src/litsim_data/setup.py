@@ -38,6 +38,7 @@ setup(
             "lanelet2 = litsim_data.exports.lanelet2:Lanelet2",
             "opendrive = litsim_data.exports.opendrive:OpenDrive",
             "openscenario = litsim_data.exports.openscenario:OpenScenario",
+            "scene = litsim_data.exports.scene:Scene",
             "sumo = litsim_data.exports.sumo:SumoTrajectories",
             "table = litsim_data.exports.table:Table",
         ],

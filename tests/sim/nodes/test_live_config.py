@@ -100,6 +100,6 @@ def test_paths_of_the_layout_lead_to_fields(layout: dict[str, Any]) -> None:
         assert not field or field_type(TOPICS[topic].type, field) == "Takeover"
 
 
-def test_what_the_layout_needs_is_served(layout: dict[str, Any]) -> None:
+def test_what_the_layout_needs_is_served_or_in_the_scene_of_a_record(layout: dict[str, Any]) -> None:
     named = set(re.findall(r"/litsim/[a-z_/]+", json.dumps(layout)))
-    assert named <= {topic.name for topic in (*topics.RECORDED_TOPICS, *topics.MARKERS)}
+    assert named <= {topic.name for topic in (*topics.RECORDED_TOPICS, *topics.MARKERS, topics.LIGHT_MARKERS)}
