@@ -43,6 +43,7 @@ from litsim_eval.search.people import People
 from litsim_eval.search.space import Proposal, Space
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.load import load_recording
+from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario, Sources
 
 TRAFFIC = ("brake", "cut_in", "pace", "enter", "start")
@@ -54,15 +55,23 @@ PLANTED = (
 )
 """Cases of the suite `small`, the weakness that is looked for in each, and what may change."""
 HEALTHY, CAREFUL = "none", "careful"
+"""The ego without a weakness, and the careful driver."""
 NEAR = 1.25
 
 
+def planted(scenario: Scenario, weakness: str) -> PlantedEgo:
+    """Returns the ego with a weakness, or the careful driver."""
+    if weakness == CAREFUL:
+        return PlantedEgo(scenario, PlantedConfig(careful=True))
+    return PlantedEgo(scenario, PlantedConfig(weakness=weakness))
+
+
 class Road:
-    """A case with its space, and what became of the runs in it, by weakness and content of the scenario."""
+    """A case with its spaces, and what became of the runs in it, by weakness and content of the scenario."""
 
     def __init__(self, case: Case, changes: Sequence[str], out: Path) -> None:
-        self._case, self._plan = case, plan_of(case)
-        self.space = Space.of(self._plan.scenario, People.load(), changes)
+        self._case, self._plan, self._changes = case, plan_of(case), changes
+        self._spaces: dict[str, Space] = {}
         file = self._plan.scenario.file
         self._sources = Sources(load_recording(Path(file.recording), file.crop), self._plan.scenario.lane_map)
         self._changed = out / "changed.yaml"
@@ -71,28 +80,36 @@ class Road:
         self._outcomes: dict[str, list[Any]] = dict(map(json.loads, lines))
         self._criteria = Criteria.load(SAFETY)
 
+    def space(self, weakness: str) -> Space:
+        """Returns the space around where the ego drives with a weakness."""
+        if weakness not in self._spaces:
+            run = record(Runner(self._plan, ego=planted(self._plan.scenario, weakness)))
+            driven = Log.from_rows(run.steps.stacked, len(run.steps))
+            self._spaces[weakness] = Space.of(self._plan.scenario, People.load(), self._changes, driven)
+        return self._spaces[weakness]
+
     def outcome(self, proposal: Proposal, weakness: str) -> tuple[Outcome, str, float]:
         """Returns what became of a run, what happened in it first, and how near to a contact it came."""
-        text = self.space.scenario_file(proposal, "changed")
+        text = self.space(HEALTHY).scenario_file(proposal, "changed")
         key = f"{weakness} {hashlib.sha256(text.encode()).hexdigest()}"
         if key not in self._outcomes:
-            self._outcomes[key] = [*self._run(text, proposal, weakness)]
+            self._outcomes[key] = [*self._run(text, weakness)]
             with self._store.open("a") as store:
                 store.write(json.dumps([key, self._outcomes[key]]) + "\n")
         outcome, group, near = self._outcomes[key]
         return Outcome(outcome), group, near
 
-    def _run(self, text: str, proposal: Proposal, weakness: str) -> tuple[Outcome, str, float]:
+    def _run(self, text: str, weakness: str) -> tuple[Outcome, str, float]:
         self._changed.write_text(text)
         try:
             scenario = Scenario.load(self._changed, sources=self._sources)
         except InputError:
             return Outcome.ERROR, "", 0.0
-        ego = PlantedEgo(scenario, PlantedConfig(weakness=weakness))
+        ego = planted(scenario, weakness)
         gc.collect()  # the run before: it refers to itself, and the collector does not know how large arrays are
         run = record(Runner(replace(self._plan, scenario=scenario), ego=ego))
         result = RunResult.judged(self._case, compute_metrics(run), self._criteria)
-        outcome = outcome_of(result, proposal, scenario.history_steps)
+        outcome = outcome_of(result, scenario.history_steps)
         return outcome, missed_by(result) if outcome == Outcome.FAILED else "", closeness(result.metrics)
 
 
@@ -126,7 +143,7 @@ class Searched:
 
 def searched(road: Road, weakness: str, sampler: str, seed: int, runs: int) -> Searched:
     """Returns a search, with its runs made if its proposals depend on them."""
-    exploration = Exploration(road.space)
+    exploration = Exploration(road.space(weakness))
     searching = explore(exploration, runs, sampler, seed)
     asked = next(searching)
     with suppress(StopIteration):
@@ -135,7 +152,7 @@ def searched(road: Road, weakness: str, sampler: str, seed: int, runs: int) -> S
             for number, (how, proposal) in enumerate(asked, len(exploration.tried)):
                 lazy = sampler == "random"
                 outcome, group, near = (Outcome.PASSED, "", 0.0) if lazy else road.outcome(proposal, weakness)
-                distance = road.space.distance(proposal)
+                distance = exploration.space.distance(proposal)
                 tried.append(Tried(number, how, proposal, distance, outcome, group, near))
             asked = searching.send(tried)
     return Searched(road, weakness, exploration.tried)

@@ -12,7 +12,7 @@ from litsim_eval.analysis.measures.careful_driver import risky, speed_lost
 from litsim_policy.ego.ego import Ego
 from litsim_sim.core.geometry import arc_lengths, to_body, wrap_angle
 from litsim_sim.core.quantities import configuration
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, EgoCommand
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, EgoCommand, FloatArray
 from litsim_sim.core.signals import SignalState
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import TwistTarget, follow_twist
@@ -24,22 +24,37 @@ CROSSING_M = 5.5  # [m] the same of agents that stand or drive across, for the c
 RISKS_M = 40.0  # [m] within which the careful driver looks for risks
 CALM_STEPS = 10  # steps after a risk for which it goes on braking
 BLIND_STEPS = 25  # steps for which one that comes from the side remains unknown
-DELAY_STEPS = 4
+DELAY_STEPS = {"delay": 4, "late": 6}
+BRAKES_MPS2, SOFT_MPS = {"soft": 1.0, "weak": 2.0}, 5.0  # hardest braking; below which speed, for `soft`
+HEADWAY_S, CLOSE_S = 1.5, 0.3
+NEAR_M = 20.0
+STANDS_MPS = 0.5
+ACROSS = 0.5  # sine of the angle to the ego from which on others drive across
 GROUP_ENDS_IN = "2"
+
+
+Weakness = Literal[
+    "none", "delay", "late", "soft", "weak", "close", "near", "side", "ramp", "standing", "walkers", "crossing", "red",
+    "amber"
+]  # fmt: skip
 
 
 @configuration
 class PlantedConfig:
-    """Which weakness.
+    """Which weakness, if any.
 
     Attributes:
-        weakness: `none`; `side`, blind to the lanes beside: what comes from there is known 2.5 s later; `delay`, 0.4 s
-            late; `ramp`, blind to vehicles that enter from a ramp; `red`, red is green for signal groups whose names
-            end in 2. With `careful` it has none, brakes as the careful driver of UN Regulation 157 where that driver
-            perceives a risk, and waits for those who stand or drive across ahead: that regulation knows no junctions.
+        weakness: `delay`, 0.4 s late; `late`, 0.6 s late; `soft`, brakes with 1 m/s2 at most below 5 m/s; `weak`, with
+            2 m/s2 at most; `close`, follows at 0.3 s; `near`, sees 20 m far; `side`, blind to the lanes beside:
+            what comes from there is known 2.5 s later; `ramp`, blind to vehicles that enter from a ramp; `standing`, to
+            those that stand; `walkers`, to pedestrians and cyclists; `crossing`, to those that drive across; `red`, red
+            is green for signal groups whose names end in 2; `amber`, amber is green.
+        careful: brakes as the careful driver of UN Regulation 157 where that driver perceives a risk, and waits for
+            those who stand or drive across ahead: that regulation knows no junctions.
     """
 
-    weakness: Literal["none", "side", "delay", "ramp", "red", "careful"] = "none"
+    weakness: Weakness = "none"
+    careful: bool = False
 
 
 class PlantedEgo(Ego):
@@ -48,7 +63,8 @@ class PlantedEgo(Ego):
     defaults = PlantedConfig()
 
     def __init__(self, scenario: Scenario, config: PlantedConfig | None = None) -> None:
-        self._weakness, self._scenario = (config or PlantedConfig()).weakness, scenario
+        config = config or PlantedConfig()
+        self._weakness, self._careful, self._scenario = config.weakness, config.careful, scenario
         self._delayed: deque[EgoCommand] = deque()
         self._risky_steps, self._calm_steps = 0, CALM_STEPS
         self._inside: dict[int, int] = {}  # for how many steps each agent has been in the ego's lane
@@ -78,28 +94,31 @@ class PlantedEgo(Ego):
         at = complex(ego.x, ego.y)
         ahead, left = to_body(table.x - ego.x, table.y - ego.y, np.array(ego.yaw))
         apart = ahead - 0.5 * (table.length + ego.length)  # [m] bumper to bumper
-        across = (np.abs(np.sin(table.yaw - ego.yaw)) > 0.5) & (self._weakness == "careful")
-        in_way = self._known(table, left) & (ahead > 0.0) & (np.abs(left) < np.where(across, CROSSING_M, LANE_M))
+        across = (np.abs(np.sin(table.yaw - ego.yaw)) > ACROSS) & self._careful
+        known = self._known(table, ahead, left)
+        in_way = known & (ahead > 0.0) & (np.abs(left) < np.where(across, CROSSING_M, LANE_M))
         gap = float(np.min(apart[in_way], initial=100.0)) - 2.5
         here = int(np.argmin(np.abs(self._line[:-10] - at)))
         gap = min(gap, self._to_red(table.step, here, ego.length, ego.speed))
-        wanted = ego.speed + float(np.clip(min(12.0, max(0.0, gap / 1.5)) - ego.speed, -0.4, 0.1))
+        headway = CLOSE_S if self._weakness == "close" else HEADWAY_S
+        wanted = ego.speed + float(np.clip(min(12.0, max(0.0, gap / headway)) - ego.speed, -0.4, 0.1))
         yaw = float(wrap_angle(np.angle(self._line[here + 10] - at) - ego.yaw))
         target = TwistTarget(wanted, 0.2 * ego.speed * float(np.sin(yaw)))
         command = EgoCommand(table.step, *follow_twist(target, ego, self._scenario.vehicle))
-        if self._weakness == "careful":
-            return self._braked(table, command)
-        if self._weakness != "delay":
-            return command
+        if self._careful:
+            command = self._braked(table, command, known)
+        hardest = BRAKES_MPS2.get(self._weakness, np.inf)
+        if self._weakness != "soft" or ego.speed < SOFT_MPS:
+            command = replace(command, acceleration=max(command.acceleration, -hardest))
         self._delayed.append(command)
-        late = self._delayed.popleft() if len(self._delayed) > DELAY_STEPS else command
+        late = self._delayed.popleft() if len(self._delayed) > DELAY_STEPS.get(self._weakness, 0) else command
         return replace(late, step=table.step)
 
-    def _braked(self, table: AgentTable, command: EgoCommand) -> EgoCommand:
+    def _braked(self, table: AgentTable, command: EgoCommand, known: BoolArray) -> EgoCommand:
         """Returns the command, with the braking of the careful driver once its reaction time to a risk is over."""
         row, time = table.row(self._scenario.ego_id), self._risky_steps * STEP_S
         near = np.hypot(table.x - table.x[row], table.y - table.y[row]) < RISKS_M
-        near[row] = False
+        near &= known
         own, lane_map = np.array([row]), self._scenario.lane_map
         risk = any(risky(table, own, other, lane_map)[0] for other in near.nonzero()[0][:, None])
         self._calm_steps = 0 if risk else self._calm_steps + 1
@@ -107,9 +126,18 @@ class PlantedEgo(Ego):
         braking = (speed_lost(time + STEP_S) - speed_lost(time)) / STEP_S
         return replace(command, acceleration=min(command.acceleration, -braking)) if braking else command
 
-    def _known(self, table: AgentTable, left: np.ndarray) -> BoolArray:
+    def _known(self, table: AgentTable, ahead: FloatArray, left: FloatArray) -> BoolArray:
         """Returns which agents the ego knows of, (n,)."""
         known = table.id != self._scenario.ego_id
+        if self._weakness == "near":
+            known &= np.hypot(ahead, left) < NEAR_M
+        if self._weakness == "standing":
+            known &= table.speed > STANDS_MPS
+        if self._weakness == "walkers":
+            known &= ~table.obstacle
+        if self._weakness == "crossing":
+            ego = table.row(self._scenario.ego_id)
+            known &= np.abs(np.sin(table.yaw - table.yaw[ego])) < ACROSS
         if self._weakness == "ramp":
             known &= ~np.isin(table.id, self._from_ramp)
         if self._weakness == "side":
@@ -127,6 +155,7 @@ class PlantedEgo(Ego):
         for link, stop in self._stops.items():
             ignored = self._weakness == "red" and signals.groups[signals.link_group[link]].endswith(GROUP_ENDS_IN)
             room = stop - here - 0.5 * length
+            ignored |= self._weakness == "amber" and states[link] == SignalState.AMBER
             enough = -1.0 if states[link] != SignalState.AMBER else speed**2 / 7.0  # at amber, if it can
             if states[link] in RED and not ignored and room > enough:
                 gap = min(gap, room - 1.0)

@@ -74,23 +74,25 @@ def answers(run: Any) -> dict[int, ControlTable]:
     return found
 
 
-@pytest.mark.parametrize(("ahead", "at_fault", "own"), [(3.5, 1, 0.0), (-3.5, 0, None)])
-def test_only_contacts_at_the_egos_fault_spoil_its_own_ttc(
-    run: Any, moved: Make, ahead: float, at_fault: int, own: float | None
+@pytest.mark.parametrize(
+    ("ahead", "since", "at_fault", "own"), [(3.5, 12, 1, 0.0), (3.5, 50, 1, None), (-3.5, 50, 0, None)]
+)
+def test_only_contacts_that_the_ego_answers_for_spoil_its_own_ttc(
+    run: Any, moved: Make, ahead: float, since: int, at_fault: int, own: float | None
 ) -> None:
-    """Agent 3 is put into the ego's lane, overlapping its front or its rear."""
+    """Agent 3 is put into the ego's lane, overlapping its front or its rear; or it has been ahead for long."""
     hit = []
     for each in run.tables:
-        there = each.step >= 50
+        there = each.step >= since
         ego = each.x[each.row(1)]
-        now = float(ego + ahead - each.x[each.row(3)])
-        hit.append(moved([each], 3, x=now, y=3.66)[0] if there else each)
+        now = float(ego + ahead + 0.5 * max(0, 50 - each.step) - each.x[each.row(3)])
+        hit.append(moved([each], 3, x=now, y=3.66, speed=-5.0)[0] if there else each)
     metrics = compute_metrics(replace(run, tables=hit))
     assert metrics["collision"]["ego_at_fault"] == at_fault and metrics["safety"]["min_ttc_s"] == 0.0
     assert metrics["safety"]["min_own_ttc_s"] == own
     excused = compute_metrics(replace(run, tables=hit, log=hit))
     assert excused["collision"]["ego_at_fault"] == excused["collision"]["background_at_fault"] == 0
-    assert excused["safety"]["min_own_ttc_s"] is None and excused["safety"]["avoidable_contacts"] == 0
+    assert excused["safety"]["min_own_ttc_s"] is None and excused["fault"]["of_ego"] == 0
     assert excused["collision"]["ego_contacts"][0]["in_log"] and not metrics["collision"]["ego_contacts"][0]["in_log"]
 
 
@@ -152,7 +154,7 @@ def test_the_ledger_shows_contacts_and_takeovers(
     ]
     print_ledger(metrics)
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["3", "5.0", "rear", "other", "0.00", "hits", "too", "hits", "too"] in lines
+    assert ["3", "5.0", "rear", "0.00", "not", "the", "ego", "3", "ran"] in [line[:9] for line in lines]
     assert ["2", "conflict", "1", "2.1", "1.5", "0.40", "hits", "1", "at", "3.6", "2.0", "4.0", "5.00"] in lines
     assert ["2", "blocked", "entry", "1", "2.1", "-", "-", "no", "contact", "2.0", "own", "intent", "5.00"] in lines
 

@@ -41,7 +41,7 @@ def metrics(table: Make, make_run: Make) -> dict[str, Any]:
 
 def test_every_leaf_of_a_run_is_a_field_of_its_kind(metrics: dict[str, Any]) -> None:
     found = leaves(metrics)
-    assert len(found) > 80 and found["realism.score"] is not None and found["safety.avoidable_contacts"] is not None
+    assert len(found) > 80 and found["realism.score"] is not None and found["fault.of_ego"] is not None
     for name, value in found.items():
         field = find_field(name)
         assert value is None or type(value) in field.kinds | ({int} if float in field.kinds else set()), name

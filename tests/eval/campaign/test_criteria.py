@@ -188,7 +188,8 @@ def test_errors_and_cases_not_run_never_pass_on_silence() -> None:
 def test_the_default_set_judges_a_good_run_and_every_bad_one() -> None:
     good: dict[str, Any] = {
         "collision": {"ego_at_fault": 0},
-        "safety": {"avoidable_contacts": 0, "min_own_ttc_s": 0.95},
+        "fault": {"of_ego": 0},
+        "safety": {"min_own_ttc_s": 0.95},
         "ego_motion": {"off_road": 0.0, "progress_ratio": 0.2},
         "mission": {"off_route_m": 10.0, "goal_reached": True},
         "rules": {"wrong_way_m": 6.0},

@@ -8,6 +8,9 @@ from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.campaign.results import judge
 
 CONTACT = {"agent": 31, "step": 181, "verdict": "front", "ego_at_fault": True, "in_log": False, "delta_v_mps": 3.25}
+CAUSE = {"cause": "red_light", "by": "other", "avoided": True}
+FAULT = {"agent": 31, "step": 181, "in_log": False, "of_ego": True} | CAUSE
+OF_EGO = "contact at the ego's fault with 31 at 18.1 s (front, 3.2 m/s; 31 had passed red, a careful driver avoids it)"
 STANDOFF = "ego and 12 stand for each other from 8.2 s to the end, 12 could go first"
 METRICS: dict[str, Any] = {
     "collision": {
@@ -18,10 +21,10 @@ METRICS: dict[str, Any] = {
             CONTACT | {"agent": 6, "ego_at_fault": False},
         ],
     },
-    "safety": {
-        "avoidable_contacts": 1,
-        "careful_driver": [{"agent": 31, "step": 181, "avoided": True}, {"agent": 6, "step": 181, "avoided": False}],
-        "min_own_ttc_s": 0.0,
+    "safety": {"min_own_ttc_s": 0.0},
+    "fault": {
+        "of_ego": 1,
+        "contacts": [FAULT, FAULT | {"agent": 5, "in_log": True}, FAULT | {"agent": 6, "of_ego": False}],
     },
     "signals": {"red_ego": 1, "reds": [{"by": "log", "step": 9}, {"by": "ego", "step": 142, "connection": "A -> B"}]},
     "ego_motion": {"off_road": 0.125, "progress_ratio": 0.138},
@@ -38,7 +41,7 @@ METRICS: dict[str, Any] = {
             {"field": "collision.ego_at_fault", "max": 0},
             "contact at the ego's fault with 31 at 18.1 s (front, 3.2 m/s)",
         ),
-        ({"field": "safety.avoidable_contacts", "max": 0}, "contact that a careful driver avoids with 31 at 18.1 s"),
+        ({"field": "fault.of_ego", "max": 0}, OF_EGO),
         ({"field": "signals.red_ego", "max": 0}, "red light passed, A -> B at 14.2 s"),
         ({"field": "minimum_risk_s", "max": 0}, "ego: minimum-risk manoeuvres 2.50 s, expected at most 0 s"),
         ({"field": "ego_motion.off_road", "max": 0}, "ego: off the road 12.5 %, expected at most 0 %"),

@@ -57,16 +57,18 @@ def test_a_takeover_that_no_forecast_predicted() -> None:
 def test_contacts() -> None:
     verdict = {"agent": 5, "step": 31, "in_log": False, "verdict": "active_front", "ego_at_fault": True}
     verdict |= {"delta_v_mps": 3.21}
+    why = {"cause": "followed", "by": "ego", "avoided": True, "other_avoids": False}
     found = [{"pair": [1, 5], "step": 31, "in_log": False}, {"pair": [7, 8], "step": 12, "in_log": True}]
     metrics: dict[str, Any] = {
         "collision": {"contacts": found, "ego_contacts": [verdict]},
-        "safety": {"careful_driver": [{"agent": 5, "step": 31, "avoided": True, "other_avoids": False}]},
+        "fault": {"contacts": [{"agent": 5, "step": 31, "of_ego": True, **why}]},
     }
     ego, others = contact_table(metrics, 0.1, ego=1).rows
     assert (ego.step, ego.agent) == (31, 5)
-    said = "active front: ego at fault; the careful driver avoids it, in the other's place hits too"
+    said = "active front: the ego answers for it; the ego ran into the one ahead, a careful driver avoids it"
+    said += ", in the other's place hits too"
     assert ego.cells == ("ego 1", "5", "3.1 s", "no", said, "3.2 m/s")
     assert (others.step, others.agent) == (12, 7)
     assert others.cells == ("7", "8", "1.2 s", "yes", "–", "–")
     verdict["in_log"] = True
-    assert "active front: no fault; the" in contact_table(metrics, 0.1, ego=1).rows[0].cells[4]
+    assert "active front: no fault; the ego ran" in contact_table(metrics, 0.1, ego=1).rows[0].cells[4]

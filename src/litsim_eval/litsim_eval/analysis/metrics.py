@@ -14,6 +14,7 @@ import numpy as np
 
 from litsim_eval.analysis.measure import Measure, Row, Table, mean
 from litsim_eval.analysis.measures import (
+    answers,
     comfort,
     displacement,
     driven_traffic,
@@ -44,6 +45,7 @@ ADDED = "added"
 FAMILIES: dict[str, tuple[Measure, ...]] = {
     "run": identity.MEASURES,
     "collisions": fault.MEASURES,
+    "fault": answers.MEASURES,
     "displacement": displacement.MEASURES,
     "ego": ego.MOTION,
     "mission": mission.MEASURES,

@@ -151,7 +151,7 @@ def _print(margins: Margins, out: Path) -> None:
     console = Console(width=None if sys.stdout.isatty() else WIDTH)
     console.print(table)
     for each in margins.scenarios:
-        for line in told(each.failures[0]) if each.failures else []:
+        for line in told(each.failures[0]) if each.failures else each.none_up_to(margins.bound):
             console.print(line, markup=False, highlight=False, soft_wrap=True)
     failures = f"; failures: {out / FAILURES_FILE}" if (out / FAILURES_FILE).is_file() else ""
     print(f"margins in standard deviations of what people did; -: no failure that counts up to {margins.bound:g} each")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from litsim_eval.analysis.measures.answers import cause_text
 from litsim_eval.analysis.measures.takeover import Outcome
 from litsim_eval.report.wording import NOTHING, number
 
@@ -40,12 +41,12 @@ def contact_table(metrics: dict[str, Any], dt: float, ego: int) -> EventTable:
     """Returns the contacts of `metrics`, one row each, linked to its first step.
 
     Args:
-        metrics: the tree of `metrics.json`; its `collision` and `safety` are read.
+        metrics: the tree of `metrics.json`; its `collision` and `fault` are read.
         dt: length of a step [s].
         ego: id of the ego, whose contacts have a verdict.
     """
     verdicts = {(each["agent"], each["step"]): each for each in metrics["collision"]["ego_contacts"]}
-    careful = {(each["agent"], each["step"]): each for each in metrics["safety"]["careful_driver"]}
+    fault = {(each["agent"], each["step"]): each for each in metrics["fault"]["contacts"]}
     rows = []
     for each in metrics["collision"]["contacts"]:
         pair, step = each["pair"], each["step"]
@@ -53,7 +54,7 @@ def contact_table(metrics: dict[str, Any], dt: float, ego: int) -> EventTable:
         verdict = verdicts.get((agent, step)) if ego in pair else None
         cells = (
             *(_who(pair[0], ego), _who(pair[1], ego), f"{step * dt:.1f} s", "yes" if each["in_log"] else "no"),
-            _verdict(verdict, careful[agent, step]) if verdict else NOTHING,
+            _verdict(verdict, fault[agent, step]) if verdict else NOTHING,
             number(verdict["delta_v_mps"], 1, "m/s") if verdict else NOTHING,
         )
         rows.append(EventRow(step, agent, cells))
@@ -95,12 +96,11 @@ def _back(entry: dict[str, Any], dt: float) -> str:
     return f"{at}, its log was over" if outcome == Outcome.LOG_OVER else at
 
 
-def _verdict(contact: dict[str, Any], careful: dict[str, Any]) -> str:
+def _verdict(contact: dict[str, Any], fault: dict[str, Any]) -> str:
     kind = str(contact["verdict"]).replace("_", " ")
-    fault = "ego at fault" if contact["ego_at_fault"] else "ego not at fault"
-    fault = "no fault" if contact["in_log"] else fault
-    text = f"{kind}: {fault}; the careful driver {'avoids it' if careful['avoided'] else 'hits too'}"
-    other = careful.get("other_avoids")
+    answers = "the ego answers for it" if fault["of_ego"] else "the ego does not answer for it"
+    text = f"{kind}: {'no fault' if contact['in_log'] else answers}; {cause_text(fault)}"
+    other = fault["other_avoids"]
     if other is None:
         return text
     return f"{text}, in the other's place {'avoids it' if other else 'hits too'}"

@@ -54,7 +54,14 @@ def _margin(scenario: Mapping[str, Any], bound: float) -> str:
     margin = scenario["margin"]
     if scenario["recorded"] != "passed":
         return f"{scenario['recorded']} as recorded"
-    return f"none found up to {bound:g}" if margin is None else f"{margin:.2f}"
+    return f"none found up to {bound:g} in {tries_text(scenario['tries'])}" if margin is None else f"{margin:.2f}"
+
+
+def tries_text(tries: Mapping[str, int]) -> str:
+    """Returns how many runs differed from that without changes, by kind of act."""
+    names = {act: "without an act" if act == "nothing" else act.replace("_", " ") for act in tries}
+    acts = ", ".join(f"{count} {names[act]}" for act, count in tries.items())
+    return f"{sum(tries.values())} tries" + (f": {acts}" if acts else "")
 
 
 def _rate(scenario: Mapping[str, Any]) -> str:

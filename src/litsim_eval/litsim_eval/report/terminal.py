@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from litsim_eval.analysis.measures.answers import cause_text
 from litsim_eval.analysis.measures.standoff import standoff_text
 from litsim_eval.analysis.measures.takeover import Outcome
 from litsim_eval.analysis.measures.timing import pace_text
@@ -17,7 +18,7 @@ from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import STEP_S
 
 NOTHING = "-"
-CONTACT_COLUMNS = ("agent", "at", "kind", "at fault", "delta-v", "careful driver", "in the other's place")
+CONTACT_COLUMNS = ("agent", "at", "kind", "delta-v", "answers", "why", "in the other's place")
 LEDGER_COLUMNS = ("agent", "why", "with", "at", "in", "p", "pure replay", "held", "back", "off")
 
 
@@ -48,17 +49,18 @@ def print_ledger(metrics: dict[str, Any], console: Console | None = None) -> Non
 
 
 def _contact_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    careful = {(each["agent"], each["step"]): each for each in metrics["safety"]["careful_driver"]}
+    fault = {(each["agent"], each["step"]): each for each in metrics["fault"]["contacts"]}
     for each in metrics["collision"]["ego_contacts"]:
         agent, step = each["agent"], each["step"]
+        why = fault[agent, step]
         yield (
             str(agent),
             _time(step),
             each["verdict"].replace("_", " "),
-            "none: in the log" if each["in_log"] else "ego" if each["ego_at_fault"] else "other",
             _plain(each["delta_v_mps"]),
-            _careful(careful[agent, step]["avoided"]),
-            _careful(careful[agent, step]["other_avoids"]),
+            "none: in the log" if each["in_log"] else "the ego" if why["of_ego"] else "not the ego",
+            cause_text(why),
+            _careful(why["other_avoids"]),
         )
 
 

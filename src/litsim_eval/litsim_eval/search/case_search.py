@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +10,6 @@ from typing import Any
 
 from scipy.stats import binomtest
 
-from litsim_eval.analysis.measures.safety import avoidable
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.results import RunResult, rerun_command
 from litsim_eval.campaign.suite import CaseEntry
@@ -18,6 +18,8 @@ from litsim_eval.search.judging import Outcome, closeness, first_contacts, misse
 from litsim_eval.search.margins import CriticalChange, Margin
 from litsim_eval.search.people import People
 from litsim_eval.search.space import Proposal, Space
+from litsim_sim.record.run import Run
+from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -41,6 +43,11 @@ class CaseSearch:
         scenario = Scenario.load(case.scenario).around(case.ego_id, case.seed, case.end_after_contact_s, case.draw)
         return cls(case, Exploration(Space.of(scenario, people, only)))
 
+    def place(self, run: Run, people: People, only: tuple[str, ...]) -> None:
+        """Lets agents act where they and the ego are in the `run` without changes, not where they were recorded."""
+        driven = Log.from_rows(run.steps.stacked, len(run.steps))
+        self.exploration.space = Space.of(self.exploration.space.scenario, people, only, driven)
+
     @property
     def failed_cases(self) -> list[Case]:
         """The cases of the failures that are shown."""
@@ -54,7 +61,7 @@ class CaseSearch:
     def tried(self, number: int, how: str, proposal: Proposal) -> Tried:
         """Returns what became of a proposal."""
         result, distance = self.results[number], round(self.exploration.space.distance(proposal), 4)
-        outcome = outcome_of(result, proposal, self.exploration.space.scenario.history_steps)
+        outcome = outcome_of(result, self.exploration.space.scenario.history_steps)
         group = missed_by(result) if outcome == Outcome.FAILED else ""
         return Tried(number, how, proposal, distance, outcome, group, closeness(result.metrics))
 
@@ -69,6 +76,8 @@ class CaseSearch:
         count = {outcome: sum(run.outcome == outcome for run in tried) for outcome in Outcome}
         drawn = [run for run in tried if run.how == "drawn" and run.outcome != Outcome.ERROR]
         bad = sum(run.outcome == Outcome.FAILED for run in drawn)
+        unchanged = (self.results[0].metrics or {}).get("digest")
+        acted = [run for run in tried[1:] if (self.results[run.number].metrics or {}).get("digest") != unchanged]
         bounds = binomtest(bad, len(drawn)).proportion_ci(0.95, "exact") if drawn else None
         return Margin(
             name=self.case.name,
@@ -79,6 +88,7 @@ class CaseSearch:
             failed=count[Outcome.FAILED],
             forced=count[Outcome.FORCED],
             errors=count[Outcome.ERROR],
+            tries=dict(Counter(run.proposal.act for run in acted).most_common()),
             drawn=len(drawn),
             drawn_failed=bad,
             rate=None if bounds is None else (round(float(bounds.low), 4), round(float(bounds.high), 4)),
@@ -109,7 +119,7 @@ class CaseSearch:
         """Returns a failure, which has been run `again`, as it is shown."""
         space, result = self.exploration.space, self.results[tried.number]
         metrics = result.metrics or {}
-        first, careful = first_contacts(metrics)[:1], {contact["agent"] for contact in avoidable(metrics)}
+        first = first_contacts(metrics)[:1]
         return CriticalChange(
             name=self.scenario_name(tried.number),
             act=tried.proposal.act,
@@ -117,9 +127,8 @@ class CaseSearch:
             distances={name: round(z, 3) for name, z in space.distances(tried.proposal).items()},
             changes=[change.text for change in space.changes(tried.proposal)] or ["as recorded"],
             reason=result.reason,
-            holds=outcome_of(again, tried.proposal, space.scenario.history_steps) == Outcome.FAILED
-            and missed_by(again) == tried.group,
-            careful_driver=first[0]["agent"] in careful if first else None,
+            holds=outcome_of(again, space.scenario.history_steps) == Outcome.FAILED and missed_by(again) == tried.group,
+            careful_driver=first[0]["avoided"] if first else None,
             digest=metrics["digest"],
             rerun=rerun_command(folder, self.cases[tried.number]),
         )

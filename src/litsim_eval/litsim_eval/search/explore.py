@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from litsim_eval.search.judging import Outcome
-from litsim_eval.search.space import DISTANCE_MAX, SMALLEST, UNTIMED, Proposal, Space
-from litsim_sim.core.scene import STEP_S
+from litsim_eval.search.space import DISTANCE_MAX, NOTHING, SMALLEST, UNTIMED, Proposal, Space
 
 if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
@@ -103,18 +102,20 @@ def explore(
     """Yields batches of proposals, and is sent what became of each; all are kept in `exploration`.
 
     Args:
-        exploration: begins empty.
+        exploration: begins empty; its space may be replaced once the first run is made.
         runs: budget, all runs together.
         sampler: one of :data:`SAMPLERS`; `random` draws all proposals uniformly within the bounds, and shrinks nothing.
         seed: of the sampler and of the draws.
         screened: what is tried first.
         expired: whether the time is over, asked before each batch.
     """
-    tried, space = exploration.tried, exploration.space
+    tried = exploration.tried
     tried += yield [("recorded", Proposal())]
+    space = exploration.space  # by where all drove
     if tried[0].outcome != Outcome.PASSED or not space.parameters:
         return
-    proposer = _Proposer(exploration, runs, sampler, seed, list(screened))
+    can_act = [each for each in screened if each.act == NOTHING or each.agent in space.agents.get(each.act, ())]
+    proposer = _Proposer(exploration, runs, sampler, seed, [space.placed(each) for each in can_act])
     while len(tried) < runs and not expired():
         outcomes = yield proposer.batch(min(BATCH, runs - len(tried)))
         tried += outcomes
@@ -212,9 +213,8 @@ class _Proposer:
             share = random.random() ** (1.0 / (1.0 + tries))  # finer the more has been tried
             less = replace(less, z={name: share * z * random.uniform(0.8, 1.0) for name, z in less.z.items()})
             if tries and whole.act not in UNTIMED:
-                first, last = (step * STEP_S for step in space.steps)
-                begin = min(max(whole.begin_s + random.normal(0.0, MOVED_S), first), last)
-                less = replace(less, begin_s=round(begin, 1))
+                begin = whole.begin_s + random.normal(0.0, MOVED_S)
+                less = space.placed(replace(less, begin_s=begin))
         return space.within(less, failure.distance - LESS)
 
 

@@ -14,6 +14,7 @@ from junitparser import Failure, JUnitXml, TestCase, TestSuite
 from pydantic import BaseModel, ConfigDict
 
 from litsim_eval.campaign.comparison import paired_interval
+from litsim_eval.report.margins import tries_text
 from litsim_eval.search.judging import Outcome
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
@@ -64,6 +65,7 @@ class Margin(_Content):
         recorded: what becomes of it as recorded; only if it passes it is searched.
         reason: why it does not pass as recorded; empty if it does.
         runs, failed, forced, errors: numbers of runs, those for shrinking included.
+        tries: number of runs in which something was different, by kind of act.
         drawn, drawn_failed: numbers of runs that were drawn from the declared distribution.
         rate: bounds of the share of these that fail at 95 %, by Clopper and Pearson (1934); None without any.
         failures: the nearest failure of each group, the nearest first.
@@ -77,6 +79,7 @@ class Margin(_Content):
     failed: int
     forced: int
     errors: int
+    tries: dict[str, int]
     drawn: int
     drawn_failed: int
     rate: tuple[float, float] | None
@@ -86,6 +89,10 @@ class Margin(_Content):
     def broken(self) -> bool:
         """Whether it fails as recorded, or cannot be judged."""
         return self.recorded in (Outcome.FAILED, Outcome.ERROR)
+
+    def none_up_to(self, bound: float) -> list[str]:
+        """Returns a line on what was tried up to a bound without a failure that counts; none if it was not searched."""
+        return [f"{self.name}: none up to {bound:g} in {tries_text(self.tries)}"] if self.tries else []
 
     def short_of(self, at_least: float) -> str:
         """Returns what is wrong with a scenario that fails as recorded, or has a margin below `at_least`."""
@@ -109,7 +116,7 @@ class Margins(_Content):
         scenarios: margins, in the order of the suite.
     """
 
-    format: Literal[2] = 2
+    format: Literal[3] = 3
     ego: str
     policy: str
     bound: float

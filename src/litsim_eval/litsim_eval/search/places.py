@@ -9,7 +9,10 @@ import numpy as np
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.scenario import Scenario
 
+AGENTS_MAX = 6  # most agents of a kind of act
+ENTER_M = 60.0  # [m] around the ego within which agents enter
 AHEAD_M = 80.0  # [m] ahead of the ego within which agents act
 BESIDE = (1.8, 5.5)  # [m] to the side of the ego, where agents can cut in
 SAME_LANE = 1.8  # [m] to the side of the ego up to which an agent is in its lane
@@ -43,3 +46,29 @@ class Places:
         in_front, aside = there & same_way & (ahead > 0.0) & (ahead < AHEAD_M), np.abs(left)
         beside = in_front & (aside > BESIDE[0]) & (aside < BESIDE[1])
         return cls(ahead, left, there, in_front & (aside < SAME_LANE), beside)
+
+
+def agents_by_act(scenario: Scenario, log: Log, steps: IntArray) -> dict[str, dict[int, IntArray]]:
+    """Returns by kind of act the vehicles that may act so, the nearest first, each with those of `steps` at which.
+
+    `log` holds where they and the ego drive.
+    """
+    place = Places.of(log, np.full(len(steps), log.row(scenario.ego_id)), steps)
+    around = place.there & (np.abs(place.ahead) < AHEAD_M)
+    late = (log.first_step > scenario.history_steps)[:, None]
+    may = {
+        "brake": place.leading,
+        "cut_in": place.beside,
+        "cut_out": place.leading,
+        "pace": around,
+        "enter": place.there & late & (np.hypot(place.ahead, place.left) < ENTER_M),
+        "inattentive": around,
+        "hide": around & (place.ahead > 0.0),
+    }
+    away = np.hypot(place.ahead, 3.0 * place.left)
+    agents = {}
+    for act, mask in may.items():
+        least = np.where(mask, away, np.inf).min(axis=1, initial=np.inf)
+        nearest = np.argsort(least, kind="stable")[: min(AGENTS_MAX, int(np.isfinite(least).sum()))]
+        agents[act] = {int(log.ids[row]): steps[mask[row]] for row in nearest}
+    return agents

@@ -40,7 +40,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import POLICY_STAGES
 from litsim_sim.io.files import make_folder, replacing
 from litsim_sim.kernels.compiled import load_kernels
-from litsim_sim.record.run import read_run
+from litsim_sim.record.run import Run, read_run
 from litsim_sim.scenario.run_info import EXTERNAL
 
 SEARCH_FILE, SCENARIOS, RUNS, REPEATED = "search.json", "scenarios", "tried", "repeated"
@@ -204,6 +204,8 @@ class Search:
         for search, number, *_ in batch:
             if number in search.cases:
                 search.results[number] = done[search.cases[number].id]
+            if number == 0 and search.results[0].metrics is not None:
+                search.place(self._run_of(search, 0), self._people, self._settings.only)
         tried = iter([search.tried(number, how, proposal) for search, number, how, proposal in batch])
         return {k: list(islice(tried, len(asked[k]))) for k in asked}
 
@@ -277,11 +279,15 @@ class Search:
 
     def _export(self, search: CaseSearch, failure: Tried) -> None:
         """Writes what happens in a failure as OpenSCENARIO, beside its scenario."""
-        case, name = search.cases[failure.number], search.scenario_name(failure.number)
-        recording = self._folder.run_folder(case) / RECORDING
-        run = read_run(recording) if recording.is_dir() else record(Runner(plan_of(case)))
+        run, name = self._run_of(search, failure.number), search.scenario_name(failure.number)
         with tempfile.TemporaryDirectory() as folder:
             OpenScenario().write(run_content(run, Path(folder)), self._out / SCENARIOS / f"{name}.xosc")
+
+    def _run_of(self, search: CaseSearch, number: int) -> Run:
+        """Returns a run: what was recorded of it, or the same once more."""
+        case = search.cases[number]
+        recording = self._folder.run_folder(case) / RECORDING
+        return read_run(recording) if recording.is_dir() else record(Runner(plan_of(case)))
 
     def _repeat(self) -> dict[str, RunResult]:
         """Runs the failures that are shown once more; returns the results by id of the case."""

@@ -12,9 +12,10 @@ import numpy as np
 import yaml
 
 from litsim_eval.search.people import PARAMETERS, Habit, Parameter, People
-from litsim_eval.search.places import AHEAD_M, Places
+from litsim_eval.search.places import Places, agents_by_act
 from litsim_sim.core.scene import STEP_S, IntArray
 from litsim_sim.scenario.changes import Change, changes_of
+from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
 
 DISTANCE_MAX = 6.0
 """Largest distance of a parameter within which a search looks, unless the parameter's bounds are nearer."""
-AGENTS_MAX = 6  # most agents of a kind of act
-ENTER_M = 60.0  # [m] around the ego within which agents enter
 LOOK_S = 12.0  # [s] after the history within which an agent begins to act
 LAST_S = 2.0  # [s] before the end after which none begins
 PACE_S = 6.0  # [s] for which an agent keeps another pace
@@ -87,6 +86,7 @@ class Space:
 
     Attributes:
         scenario: as recorded, with its ego.
+        driven: where all drive, the ego included, if nothing is changed: the log, until that run is made.
         parameters: those that may vary, by name.
         agents: by kind of act, the agents that may act so, the nearest to the ego first, each with the steps at which
             it is where such an act concerns the ego.
@@ -95,20 +95,29 @@ class Space:
     """
 
     scenario: Scenario
+    driven: Log
     parameters: Mapping[str, Parameter]
     agents: Mapping[str, Mapping[int, IntArray]]
     people: People
     steps: tuple[int, int]
 
     @classmethod
-    def of(cls, scenario: Scenario, people: People, only: Sequence[str] = ()) -> Space:
-        """Returns the space of a scenario; `only` names kinds of change, or parameters, none for all."""
+    def of(cls, scenario: Scenario, people: People, only: Sequence[str] = (), driven: Log | None = None) -> Space:
+        """Returns the space of a scenario in which agents act where they and the ego are if nothing is changed.
+
+        Args:
+            scenario: as recorded.
+            people: what they did.
+            only: kinds of change, or parameters, that vary; none for all.
+            driven: where all drove in the run without changes; None for the log.
+        """
+        driven = driven or scenario.log
         first = scenario.history_steps
         last = max(first, min(first + round(LOOK_S / STEP_S), scenario.total_steps - round(LAST_S / STEP_S)))
         taken = {act.agent for _, act in scenario.actors}  # their changes stay, one more would contradict them
         agents = {
             act: {agent: steps for agent, steps in of_act.items() if agent not in taken}
-            for act, of_act in _agents(scenario, np.arange(first, min(last + 1, scenario.log.steps))).items()
+            for act, of_act in agents_by_act(scenario, driven, np.arange(first, min(last + 1, driven.steps))).items()
         }
         possible = {"start", "delay", "noise", *(act for act in agents if agents[act])}
         possible |= {"signals"} if scenario.signals else set()
@@ -120,7 +129,7 @@ class Space:
         }
         acts = {parameter.kind for parameter in usable.values()}
         agents = {act: of_act for act, of_act in agents.items() if act in acts}
-        return cls(scenario, usable, agents, people, (first, last))
+        return cls(scenario, driven, usable, agents, people, (first, last))
 
     def habit(self, name: str) -> Habit:
         """Returns the habit by which a parameter is measured."""
@@ -165,7 +174,7 @@ class Space:
         return self._proposal(act, agent, begin, {name: random.normal() for name in self.varied(act)})
 
     def clear(self, random: np.random.Generator, act: str, agent: int) -> Proposal:
-        """Returns a draw with large distances, at a moment that concerns the ego.
+        """Returns a draw with large distances.
 
         Most of what all proposals have is as recorded, so that few things change at once.
         """
@@ -197,12 +206,20 @@ class Space:
         return values | {name: proposal.z.get(name, 0.0) for name in self.varied(act)}
 
     def _proposal(self, act: str, agent: int, begin: int, z: Mapping[str, float]) -> Proposal:
-        """Returns a proposal, with distances within their bounds."""
+        """Returns a proposal at the nearest moment that concerns the ego, with distances within their bounds."""
         inside = {}
         for name, value in z.items():
             low, high = self.bounds(name)
             inside[name] = float(np.clip(abs(value) if low == 0.0 else value, low, high))
-        return Proposal(act, agent, 0.0 if act in UNTIMED else round(begin * STEP_S, 1), inside)
+        return self.placed(Proposal(act, agent, round(begin * STEP_S, 1), inside))
+
+    def placed(self, proposal: Proposal) -> Proposal:
+        """Returns the same at the nearest moment at which the agent is where such an act concerns the ego."""
+        if proposal.act in UNTIMED:
+            return replace(proposal, begin_s=0.0)
+        steps = self.agents[proposal.act][proposal.agent]
+        nearest = steps[np.abs(steps - round(proposal.begin_s / STEP_S)).argmin()]
+        return replace(proposal, begin_s=round(float(nearest) * STEP_S, 1))
 
     def varied(self, act: str) -> list[str]:
         """Returns the names of the parameters that proposals with this act have."""
@@ -291,35 +308,11 @@ class Space:
         return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)
 
     def _headway_left(self, proposal: Proposal) -> float:
-        """Returns the distance of the headway that a cut-in leaves to the ego, as both are recorded when it begins."""
-        log, step = self.scenario.log, round(proposal.begin_s / STEP_S)
+        """Returns the distance of the headway that a cut-in leaves to the ego, as both drive when it begins."""
+        log, step = self.driven, round(proposal.begin_s / STEP_S)
         ego, other = log.row(self.scenario.ego_id), log.row(proposal.agent)
         place = Places.of(log, np.array([ego]), np.array([step]))
         if not place.there[other, 0]:
             return 0.0
         room = float(place.ahead[other, 0]) - 0.5 * float(log.length[ego] + log.length[other])
         return self.people.habits["headway_left_s"].distance(max(room, 0.0) / max(float(log.speed[ego, step]), 1.0))
-
-
-def _agents(scenario: Scenario, steps: IntArray) -> dict[str, dict[int, IntArray]]:
-    """Returns by kind of act the vehicles that may act so, the nearest first, each with those of `steps` at which."""
-    log = scenario.log
-    place = Places.of(log, np.full(len(steps), log.row(scenario.ego_id)), steps)
-    around = place.there & (np.abs(place.ahead) < AHEAD_M)
-    late = (log.first_step > scenario.history_steps)[:, None]
-    may = {
-        "brake": place.leading,
-        "cut_in": place.beside,
-        "cut_out": place.leading,
-        "pace": around,
-        "enter": place.there & late & (np.hypot(place.ahead, place.left) < ENTER_M),
-        "inattentive": around,
-        "hide": around & (place.ahead > 0.0),
-    }
-    away = np.hypot(place.ahead, 3.0 * place.left)
-    agents = {}
-    for act, mask in may.items():
-        least = np.where(mask, away, np.inf).min(axis=1, initial=np.inf)
-        nearest = np.argsort(least, kind="stable")[: min(AGENTS_MAX, int(np.isfinite(least).sum()))]
-        agents[act] = {int(log.ids[row]): steps[mask[row]] for row in nearest}
-    return agents

@@ -24,6 +24,7 @@ MOST_KM2 = 2000  # of the rectangle around a net, whose lookup grid then takes a
 TOLERANCE = 1e-3  # [m] coordinates of a net are rounded to this
 STOP_SIGNS = ("s", "w")  # SUMO's states of connections: stop, and stop on all ways
 LEVEL = 3.0  # [m] of height between lanes that cross, from which on one passes over the other
+GIVES_WAY = "mso"  # SUMO's states of connections: minor road, stop sign, minor at a light
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class Lane:
         is_internal: inside a junction.
         heights: (k,) of the vertices [m]; None for a flat net.
         stops: ids of those successors before which a stop sign stands.
+        gives_way: those of `successors` inside a junction on which a vehicle has to give way, by the signs, or by
+            permissive green.
     """
 
     id: str
@@ -59,6 +62,7 @@ class Lane:
     is_internal: bool
     heights: FloatArray | None = None
     stops: tuple[str, ...] = ()
+    gives_way: tuple[str, ...] = ()
 
 
 def lanes_from_left(lanes: Sequence[Lane]) -> list[int]:
@@ -186,4 +190,5 @@ def _lane(lane: Any, left_hand: bool, path: Path) -> Lane:
         is_internal=inside,
         heights=heights if heights.any() else None,
         stops=() if inside else tuple(sorted(name for name, state in following.items() if state in STOP_SIGNS)),
+        gives_way=tuple(sorted(name for name, state in following.items() if state and state in GIVES_WAY)),
     )

@@ -4,6 +4,9 @@ The parameters are the regulation's: the driver perceives a risk once a vehicle 
 from the centre of that lane towards it, or once the time to collision is 2 s; reacts after 0.75 s; and brakes at up to
 0.774 g, reached with a jerk of 12.65 m/s3. The regulation's risk evaluation time of 0.4 s is omitted, which makes the
 verdict stricter.
+
+The driver reacts to the risk that leads to the contact: to none that was over before, and to no vehicle that another
+one hides.
 """
 
 from __future__ import annotations
@@ -25,7 +28,9 @@ BRAKE_JERK = 12.65  # [m/s3]
 WANDERING = 0.375  # [m]
 NEXT_LANE = 1.5  # lane widths from the centre of the agent's lane within which a vehicle drives next to that lane
 TTC_S = 2.0
+TINY_M = 1e-9
 LOOK_BACK_S = 5.0  # time before the contact in which a risk is searched for
+OVER_S = 0.5  # time without a risk after which that risk is over; our choice
 LOOK_ON_S = 3.0  # time after the contact in which the driver must stay clear of the other vehicle
 
 
@@ -49,7 +54,14 @@ class CarefulDriver:
 
 
 def careful_driver(
-    tables: Sequence[AgentTable], driven: int, agent: int, contact_step: int, dt: float, lane_map: LaneMap | None
+    tables: Sequence[AgentTable],
+    driven: int,
+    agent: int,
+    contact_step: int,
+    dt: float,
+    lane_map: LaneMap | None,
+    *,
+    sees_all: bool = False,
 ) -> CarefulDriver:
     """Replaces the driver of `driven` by the careful driver before its contact with `agent`.
 
@@ -64,6 +76,7 @@ def careful_driver(
         contact_step: first step of the contact.
         dt: duration of a step [s].
         lane_map: lanes, for the wandering criterion; without them only the time to collision counts.
+        sees_all: whether no third vehicle hides `agent`, as where recorded vehicles drive through each other.
     """
     whole = Steps.of(tables)
     since = (whole.step - contact_step) * dt
@@ -73,7 +86,9 @@ def careful_driver(
     near = rows.min(axis=1) >= 0
     own, other = rows[near].T
     step, table = steps.step[near], steps.stacked
-    perceived = int(step[risky(table, own, other, lane_map) & (step <= contact_step)].min(initial=contact_step))
+    risk = risky(table, own, other, lane_map) & (step <= contact_step)
+    risk &= sees_all | ~hidden(steps, own, other)
+    perceived = _begin(step[risk], contact_step, round(OVER_S / dt))
     step, own, other = (values[step >= perceived] for values in (step, own, other))
     lacking = max(0, contact_step + round(LOOK_ON_S / dt) - int(whole.step[-1])) if near[-1] else 0
     beyond = np.append(np.zeros(len(step), np.int64), np.arange(1, lacking + 1))  # the last step of the run
@@ -88,6 +103,40 @@ def careful_driver(
     met = hits.nonzero()[0]
     at_contact = speed[met[0]] if len(met) else 0.0
     return CarefulDriver(agent, contact_step, perceived, avoided=not len(met), speed_at_contact=at_contact)
+
+
+def _begin(risks: IntArray, contact_step: int, over: int) -> int:
+    """Returns the first of the steps of a risk (k,) that lasts to the contact, with gaps of up to `over` steps."""
+    begin = contact_step
+    for step in risks[::-1].tolist():
+        if begin - step > over + 1:
+            break
+        begin = step
+    return begin
+
+
+def hidden(steps: Steps, own: IntArray, other: IntArray) -> BoolArray:
+    """Returns (k,) whether a third vehicle stands or drives between the centres of `own` and `other`.
+
+    Args:
+        steps: of all agents.
+        own, other: (k,) rows in `steps.stacked` of two agents at the same steps, each step once.
+    """
+    table, of_step = steps.stacked, np.full(len(steps), -1)
+    of_step[table.number[own]] = np.arange(len(own))
+    k = of_step[table.number]
+    third = (k >= 0) & ~table.obstacle & ~np.isin(table.id, table.id[[*own[:1], *other[:1]]])
+    rows, k = third.nonzero()[0], k[third]
+    begin, end = (
+        np.array(to_body(table.x[of[k]] - table.x[rows], table.y[of[k]] - table.y[rows], table.yaw[rows]))
+        for of in (own, other)
+    )
+    way = end - begin
+    way[np.abs(way) < TINY_M] = TINY_M
+    half = 0.5 * np.array([table.length[rows], table.width[rows]])
+    sides = np.sort([(-half - begin) / way, (half - begin) / way], axis=0)  # shares of the way, along and across
+    enters, leaves = sides[0].max(axis=0, initial=0.0), sides[1].min(axis=0, initial=1.0)
+    return np.bincount(k[enters < leaves], minlength=len(own)) > 0
 
 
 def _straight_on(table: AgentRows, rows: IntArray, later: IntArray, dt: float) -> tuple[FloatArray, FloatArray]:

@@ -25,6 +25,7 @@ from litsim_eval.analysis.measure import (
     moments_of,
     share_of,
 )
+from litsim_eval.analysis.measures.blame import Blame, blame
 from litsim_eval.analysis.measures.careful_driver import CarefulDriver, careful_driver
 from litsim_eval.analysis.measures.collision import Collisions, EgoContact, collisions
 from litsim_sim.core.scene import STEP_S, Kind
@@ -41,26 +42,29 @@ class ContactVerdict:
         in_log: whether the log contains it too; then no agent of the run is at fault.
         own: verdict on the driver in place of the ego.
         other: verdict on the driver in place of the other agent; None if that is a pedestrian or a cyclist.
+        blame: what led to it, and who answers for it.
     """
 
     contact: EgoContact
     in_log: bool
     own: CarefulDriver
     other: CarefulDriver | None
+    blame: Blame
 
 
 def contact_verdicts(run: Run) -> list[ContactVerdict]:
     """Returns verdicts on the ego's contacts, in the order of the collisions of `run`."""
-    collided, ego = hits(run), run.info.ego_id
-    return [
-        ContactVerdict(
-            contact,
-            (min(ego, contact.agent), max(ego, contact.agent)) not in collided.excess,
-            _driver(run, ego, contact.agent, contact.step),
-            None if _walks(run, contact) else _driver(run, contact.agent, ego, contact.step),
-        )
-        for contact in collided.ego
-    ]
+    return [_verdict(run, contact) for contact in hits(run).ego]
+
+
+def _verdict(run: Run, contact: EgoContact) -> ContactVerdict:
+    ego, agent, step = run.info.ego_id, contact.agent, contact.step
+    dt, lane_map = run.info.dt, lane_map_of(run)
+    own = careful_driver(run.simulated, ego, agent, step, dt, lane_map)
+    walks = _walks(run, contact)
+    other = None if walks else careful_driver(run.simulated, agent, ego, step, dt, lane_map, sees_all=True)
+    in_log = (min(ego, agent), max(ego, agent)) not in hits(run).excess
+    return ContactVerdict(contact, in_log, own, other, blame(run, contact, own, other))
 
 
 def hits(run: Run) -> Collisions:
@@ -88,10 +92,6 @@ def count_faults(run: Run) -> dict[str, int]:
         "ego_avoidable": avoidable,
         "ego_unavoidable": len(ego) - avoidable,
     }
-
-
-def _driver(run: Run, driver: int, agent: int, step: int) -> CarefulDriver:
-    return careful_driver(run.simulated, driver, agent, step, run.info.dt, lane_map_of(run))
 
 
 def _walks(run: Run, contact: EgoContact) -> bool:
@@ -193,7 +193,7 @@ MEASURES = family(
     Count(
         "collision.background_at_fault", lambda run: sum(not each.contact.ego_at_fault for each in new_contacts(run))
     ),
-    "contacts that are not in the log, [by who could have avoided them](#contacts-by-fault)",
+    "contacts that are not in the log, [by who could have avoided them](#who-answers-for-a-contact)",
     _of_fault("background", "contacts, background's fault", "background_faults"),
     _of_fault("ego_avoidable", "ego's fault, other could avoid", "ego_faults_avoidable"),
     _of_fault("ego_unavoidable", "ego's fault, other could not", "ego_faults_unavoidable", better=Better.NEITHER),

@@ -1,9 +1,8 @@
-"""Surrogate safety measures of the ego, and contacts that a careful driver in its place would have avoided."""
+"""Surrogate safety measures of the ego."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -12,8 +11,6 @@ from litsim_data.surrogates.safety import TTC_CRITICAL_S, SafetySeries, safety_s
 from litsim_eval.analysis.measure import (
     HIGHER,
     LOWER,
-    Count,
-    Listed,
     Measure,
     Metrics,
     Row,
@@ -24,29 +21,14 @@ from litsim_eval.analysis.measure import (
     finite,
     least,
     mean_of,
-    moments_of,
 )
 from litsim_eval.analysis.measures.fault import contact_verdicts, new_contacts
-from litsim_sim.core.scene import STEP_S
 from litsim_sim.record.run import Run
 
 
 def series_of_ego(run: Run) -> SafetySeries:
     """Returns the ego's surrogate measures by step."""
     return safety_series(run.simulated, run.info.ego_id)
-
-
-def avoidable(metrics: Metrics) -> Iterator[Mapping[str, Any]]:
-    """Yields the contacts of the ego that a careful driver avoids, and the log has not."""
-    in_log = {(each["agent"], each["step"]) for each in metrics["collision"]["ego_contacts"] if each["in_log"]}
-    for each in metrics["safety"]["careful_driver"]:
-        if each["avoided"] and (each["agent"], each["step"]) not in in_log:
-            yield each
-
-
-def _avoidable_text(_: Any, __: str, metrics: Metrics) -> str:
-    texts = [f"{each['agent']} at {STEP_S * each['step']:.1f} s" for each in avoidable(metrics)]
-    return f"contact that a careful driver avoids with {' and '.join(texts)}" if texts else ""
 
 
 def _moment_of_shortest_ttc(run: Run, _: Metrics) -> Iterator[Span]:
@@ -62,12 +44,12 @@ def _shortest(name: str) -> Callable[[Run], float | None]:
 
 
 def _own_ttc(run: Run) -> float | None:
-    """Returns the shortest time to collision [s] that the ego causes: 0 for a contact at its fault.
+    """Returns the shortest time to collision [s] that the ego causes: 0 for a contact that it answers for.
 
     Other agents count until their contact. Those that the ego touches in the log too do not count: their recorded
     boxes are too large, or too close.
     """
-    if any(each.contact.ego_at_fault for each in new_contacts(run)):
+    if any(each.blame.of_ego for each in new_contacts(run)):
         return 0.0
     touched = {each.contact.agent: 0 if each.in_log else each.contact.step for each in run.once(contact_verdicts)}
     if touched:
@@ -89,20 +71,6 @@ def _min_pet(run: Run) -> float | None:
     return near[0].pet if near else None
 
 
-def _careful_driver(run: Run) -> list[dict[str, Any]]:
-    return [
-        {
-            "agent": each.own.agent,
-            "step": each.own.contact_step,
-            "perceived_step": each.own.perceived_step,
-            "avoided": each.own.avoided,
-            "other_perceived_step": None if each.other is None else each.other.perceived_step,
-            "other_avoids": None if each.other is None else each.other.avoided,
-        }
-        for each in run.once(contact_verdicts)
-    ]
-
-
 LEAST = (Row(over=least, table=Table.EGO),)
 MEASURES = family(
     "of the ego: shortest time to collision at constant speeds and headings within 3 s, with agents whose centre is "
@@ -112,8 +80,8 @@ MEASURES = family(
         rows=LEAST,
         moments=_moment_of_shortest_ttc,
     ),
-    "the same as in nuPlan: agents that touch the ego count until they do, and a contact at the ego's fault counts as "
-    "0. Contacts that the log has too do not count",
+    "the same as in nuPlan: agents that touch the ego count until they do, and a contact that the ego answers for "
+    "counts as 0. Contacts that the log has too do not count",
     Measure("safety.min_own_ttc_s", _own_ttc, "ego: shortest own TTC", "s", HIGHER, moments=_moment_of_shortest_ttc),
     "share of steps with a time to collision below 0.95 s (nuPlan) and 1.5 s",
     Share("safety.ttc_below", _ttc_below, "ego: TTC below {} s", "", LOWER, keys=tuple(map(str, TTC_CRITICAL_S))),
@@ -123,17 +91,4 @@ MEASURES = family(
     Measure("safety.max_drac_mps2", _max_drac, "ego: largest DRAC", "m/s²", LOWER),
     "shortest post-encroachment time of the ego with anybody",
     Measure("safety.min_pet_s", _min_pet, "ego: shortest PET", "s", HIGHER),
-    "for each contact of the ego, whether the careful and competent driver of UN R157 would have avoided it (reaction "
-    "0.75 s, up to 0.774 g with 12.65 m/s³, from a wandering of 0.375 m in the next lane or a time to collision of 2 s "
-    "on; the regulation's 0.4 s of evaluating the risk are left out, which is stricter); and as `other_…` the same in "
-    "the other's place (null for a pedestrian or a cyclist)",
-    Listed("safety.careful_driver", _careful_driver),
-    "how many of these contacts it would have avoided, of those that are not in the log",
-    Count(
-        "safety.avoidable_contacts",
-        lambda run: sum(each.own.avoided for each in new_contacts(run)),
-        *("avoidable contacts", "", LOWER),
-        sentence=_avoidable_text,
-        moments=moments_of(avoidable),
-    ),
 )
