@@ -31,9 +31,9 @@ def outcome_of(result: RunResult, free_step: int) -> Outcome:
     """Returns what became of a run in which the ego drives from `free_step` on.
 
     Of contacts the first decides: what follows, such as contacts of a vehicle that was hit, is a consequence. It counts
-    if the ego answers for it (:mod:`litsim_eval.analysis.measures.blame`); otherwise the run is forced. So is one with nothing
-    but red lights just after the ego began to drive, within the time to collision at which the careful driver of UN
-    Regulation 157 perceives a risk.
+    if the ego answers for it (:mod:`litsim_eval.analysis.measures.blame`); otherwise the run is forced. So is one with
+    nothing but red lights just after the ego began to drive, within the time to collision at which the careful driver
+    of UN Regulation 157 perceives a risk.
     """
     if result.verdict == Verdict.ERROR:
         return Outcome.ERROR

@@ -124,6 +124,10 @@ CASES: dict[str, tuple[Sequence[Motion], tuple[Cause, Side, bool]]] = {
         [sideways(along(100, 11), RIGHT, 20, 30), along(80, 14, RIGHT)],
         (Cause.ENTERED, Side.EGO, False),
     ),
+    "the ego cuts in and stops, long before it is hit": (
+        [sideways(along(150, 8, braking=2.0, since=30), RIGHT, 5, 15), along(70, 14, RIGHT)],
+        (Cause.FOLLOWED, Side.OTHER, False),
+    ),
     "a car stands right ahead when the ego begins to drive": (
         [along(100, 15), along(115, 0)],
         (Cause.START, Side.NEITHER, False),

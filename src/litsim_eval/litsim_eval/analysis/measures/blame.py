@@ -23,7 +23,7 @@ from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import Run
 
 STANDS_MPS = 0.3  # [m/s] up to which a vehicle stands
-ENTERING_S = 3.0  # [s] that entering the other's way takes at most, and before the contact in which ways cross
+ENTERING_S = 3.0  # [s] that entering takes at most; before the contact in which one enters, or ways cross
 ENTERED_M = 0.3  # [m] to the side from which on a vehicle has entered the other's way
 CROSSING_RAD = np.deg2rad(45.0)  # between headings from which on ways cross
 NEAR_WAY_M = 15.0  # [m] from the other's way within which headings count
@@ -225,9 +225,9 @@ class _Encounter:
         return bool((np.abs(wrap_angle(ahead.yaw - heading))[near] > CROSSING_RAD).any())
 
     def _entrant(self) -> Side | None:
-        """Returns who came into the other's way from the side; None where one was ahead all the time."""
+        """Returns who came into the other's way from the side; None where one was ahead for long."""
         inside, (left, _) = self._in_way, self._along
-        if inside == 0:
+        if inside == 0 or self.in_way_s > ENTERING_S:
             return None
         of_ego = 1.0 if self._behind == Side.EGO else -1.0
         side = of_ego * np.sign(left[inside - 1])  # of the ego on which the other is
