@@ -199,7 +199,7 @@ ENTRIES = [{"validation_score": 0.5}] * 50
         lambda path: plot_curves(ENTRIES, path.with_suffix(".png"), PANELS),
         lambda path: network.save(network.GaussianPolicy(ObservationConfig()), path),
         lambda path: imitation_network.save(imitation_network.TrafficPolicy(), path, {}),
-        lambda path: simnet_network.save(simnet_network.SimNet("small"), path, {}),
+        lambda path: simnet_network.save(simnet_network.SimNet(), path, {}),
     ],
     ids=["checkpoint", "history", "curves", "policy C", "imitation", "simnet"],
 )
