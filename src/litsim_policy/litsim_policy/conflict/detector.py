@@ -127,10 +127,10 @@ class ConflictDetector:
         """
         in_conflict, least = np.zeros(len(futures.table), np.bool_), self.config.probability_clear
         if len(pairs):
-            own = PredictedMotion(futures.expected.states, futures.expected.valid)
-            pairs = pairs[may_overlap(pairs, own, futures.expected, futures.boxes, max(0.0, -quantile(least)))]
+            own = futures.expected  # of agents under control, the motion along their paths alone counts
+            pairs = pairs[may_overlap(pairs, own, own, futures.boxes, max(0.0, -quantile(least)))]
             pairs = pairs[~followed(pairs, futures.covered.arrays)]
-            probability = mixture_overlap_probability(pairs, own, futures.expected, futures.sizes, least, first=True)
+            probability = mixture_overlap_probability(pairs, own, own, futures.sizes, least, first=True)
             in_conflict[futures.rows[pairs[probability.any(axis=1), 0]]] = True
         return in_conflict
 

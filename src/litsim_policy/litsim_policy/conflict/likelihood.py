@@ -104,6 +104,7 @@ class LogLikelihood:
     def __post_init__(self) -> None:
         self._past = deque[AgentTable](maxlen=BACK + 1)
         self._habits = Habits(self.log)
+        self._then = np.full((len(self.log.ids), 2), -1.0)  # of each log, the last step judged, and its chance then
 
     def observe(self, table: AgentTable) -> None:
         """Take note of a step."""
@@ -120,7 +121,7 @@ class LogLikelihood:
         which = judged & (step >= log.first_step[log_row])
         agents = table.arrays._replace(acceleration=self._accelerations(table))
         whose = Judged(which, log_row, step, lag > 0, off_log, off_log & ~recorded)
-        ratio, leader = _log_ratios(whose, agents, self._habits.columns, self._habits.seen, self.density)
+        ratio, leader = _log_ratios(whose, agents, self._habits.columns, self._habits.seen, self._then, self.density)
         return LogRatios(ratio, leader, lag, recorded)
 
     def _accelerations(self, table: AgentTable) -> FloatArray:
@@ -184,8 +185,9 @@ def _as_recorded(log: tuple[Floats2, Floats2, Floats2, Bools2], agents: AgentArr
 @kernel
 def _may_be_led(agents: AgentArrays, row: int, leaders: Ints) -> bool:
     """Returns whether one of the agents in the rows `leaders` of its scene may lead the one in `row`."""
+    cos, sin = math.cos(agents.yaw[row]), math.sin(agents.yaw[row])
     for j in leaders:
-        if j != row and may_lead(agents.x[j] - agents.x[row], agents.y[j] - agents.y[row], agents.yaw[row]):
+        if j != row and may_lead(agents.x[j] - agents.x[row], agents.y[j] - agents.y[row], cos, sin):
             return True
     return False
 
@@ -225,11 +227,13 @@ def _log_chance_of_plan(
 
 @kernel
 def _log_ratios(
-    judged: Judged, agents: AgentArrays, log: LogColumns, habits: OutFloats2, density: SpeedChange
+    judged: Judged, agents: AgentArrays, log: LogColumns, habits: OutFloats2, then: OutFloats2, density: SpeedChange
 ) -> tuple[Floats, Ints]:
     """See :meth:`LogLikelihood.at`.
 
-    Agents that none of the changed ones could lead, even if nobody else were there, are passed over.
+    Agents that none of the changed ones could lead, even if nobody else were there, are passed over. `then` (n, 2) are
+    by row of the log the step of the last judgement, and the log-probability in the recorded scene: a log that waits
+    for its agent, at the same step again, needs no second one.
     """
     ratio, leaders = np.zeros(len(agents.x)), np.full(len(agents.x), -1, np.int64)
     changed, end, way = judged.changed.nonzero()[0], 0, np.empty((VERTICES, 5))
@@ -247,11 +251,13 @@ def _log_ratios(
         leader = leader_now(way, count, agents, i, scene)
         if leader.row < 0 or not (lagged or judged.changed[leader.row]):
             continue
-        recorded = logged_leader(way, count, log, row, step)
+        again = then[row, 0] == step
+        recorded = leader if again else logged_leader(way, count, log, row, step)
         usual = usual_headway(log, row, step, habits, way)
         planned = _planned_speed(log, row, step)
         speed = agents.speed[i] if judged.driven[i] else planned
         now = _log_chance_of_plan(log, row, step, speed, leader, usual, density)
-        then = _log_chance_of_plan(log, row, step, planned, recorded, usual, density)
-        ratio[i], leaders[i] = now - then, leader.row
+        if not again:
+            then[row, 0], then[row, 1] = step, _log_chance_of_plan(log, row, step, planned, recorded, usual, density)
+        ratio[i], leaders[i] = now - then[row, 1], leader.row
     return ratio, leaders

@@ -132,9 +132,9 @@ def place_on(way: Floats2, count: int, x: float, y: float) -> tuple[float, float
 
 
 @kernel
-def may_lead(dx: float, dy: float, yaw: float) -> bool:
-    """Returns whether an agent at `dx`, `dy` [m] from a vehicle that heads for `yaw` is ahead and in sight."""
-    return dx * dx + dy * dy < SIGHT * SIGHT and dx * math.cos(yaw) + dy * math.sin(yaw) > -BEHIND
+def may_lead(dx: float, dy: float, cos: float, sin: float) -> bool:
+    """Returns whether one at `dx`, `dy` [m] from a vehicle with the heading (`cos`, `sin`) is ahead and in sight."""
+    return dx * dx + dy * dy < SIGHT * SIGHT and dx * cos + dy * sin > -BEHIND
 
 
 @kernel
@@ -181,8 +181,9 @@ def leader_now(way: Floats2, count: int, agents: AgentArrays, row: int, others: 
     """
     own, leader = vehicle_of(agents, row), Leader(-1, np.inf, 0.0, 0.0)
     s, d, _, _ = place_on(way, count, own.x, own.y)
+    cos, sin = math.cos(own.yaw), math.sin(own.yaw)
     for j in others:
-        if j != row and may_lead(agents.x[j] - own.x, agents.y[j] - own.y, own.yaw):
+        if j != row and may_lead(agents.x[j] - own.x, agents.y[j] - own.y, cos, sin):
             gap, speed = gap_ahead(way, count, own, (s, d), vehicle_of(agents, j))
             if gap < leader.gap:
                 leader = Leader(j, gap, speed, agents.acceleration[j])
@@ -193,8 +194,9 @@ def leader_now(way: Floats2, count: int, agents: AgentArrays, row: int, others: 
 def logged_leader(way: Floats2, count: int, log: LogColumns, row: int, step: int) -> Leader:
     """Returns the leader of the agent in `row` of the log in the recorded scene of `step`, where its way begins."""
     own, leader = logged_vehicle(log, row, step), Leader(-1, np.inf, 0.0, 0.0)
+    cos, sin = math.cos(own.yaw), math.sin(own.yaw)
     for j in range(log.begin[row], log.end[row]):
-        if j != row and log.valid[j, step] and may_lead(log.x[j, step] - own.x, log.y[j, step] - own.y, own.yaw):
+        if j != row and log.valid[j, step] and may_lead(log.x[j, step] - own.x, log.y[j, step] - own.y, cos, sin):
             gap, speed = gap_ahead(way, count, own, (0.0, 0.0), logged_vehicle(log, j, step))
             if gap < leader.gap:
                 before = max(step - BACK, log.first_step[j])

@@ -120,6 +120,18 @@ def _layer(inputs: Floats, weight: Floats2, bias: Floats, outputs: OutFloats) ->
 
 
 @kernel
+def _last_layer(inputs: Floats, weight: Floats2, bias: Floats, outputs: OutFloats) -> None:
+    """Write what the last layer makes of `inputs` to `outputs`, three at a time: so few are faster in registers."""
+    for k in range(0, 3 * GAUSSIANS, 3):
+        a, b, c = bias[k], bias[k + 1], bias[k + 2]
+        for i in range(HIDDEN):
+            a += inputs[i] * weight[i, k]
+            b += inputs[i] * weight[i, k + 1]
+            c += inputs[i] * weight[i, k + 2]
+        outputs[k], outputs[k + 1], outputs[k + 2] = a, b, c
+
+
+@kernel
 def _squash(values: OutFloats) -> None:
     """Replace `values` by their hyperbolic tangents; `math.tanh` branches by value, and takes three times as long."""
     for k in range(len(values)):
@@ -153,6 +165,6 @@ def log_chance(change: float, situation: Situation, density: SpeedChange) -> flo
         _squash(hidden)
         _layer(hidden, density.second[e], density.second_bias[e], deep)
         _squash(deep)
-        _layer(deep, density.last[e], density.last_bias[e], output)
+        _last_layer(deep, density.last[e], density.last_bias[e], output)
         chance += _chance_of(change, output)
     return math.log(max(chance / count, CHANCE_MIN))
