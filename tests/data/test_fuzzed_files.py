@@ -217,7 +217,11 @@ def scenario_text(folder: Path) -> str:
     first = made.STAND.format(lane) + made.SPEED.format(shape="linear", lasts="1", speed="4")
     waits = made.when(made.STATE.format("event", "e", "endTransition"), delay=1.0, edge="rising")
     way = made.follow({0.0: made.world(-80.0), 2.0: lane}, more='initialDistanceOffset="1"')
-    acts = made.act("a", "A", {"e": (way, made.when(made.AT.format(1, "greaterThan")))})
+    near = made.when_of("A", '<TimeHeadwayCondition entityRef="B" freespace="true" rule="lessThan" value="3"/>')
+    aside = made.CHANGE.format(target='<AbsoluteTargetLane value="1"/>')
+    acts = made.act("c", "A", {"g": (aside, made.when(near))}) + made.act(
+        "a", "A", {"e": (way, made.when(made.AT.format(1, "greaterThan")))}
+    )
     acts += made.act("b", "B", {"f": (made.follow({0.0: made.world(0.0), 3.0: beside}), "")}, waits)
     stop = made.when(made.AT.format(9, "greaterThan"), tag="StopTrigger")
     return made.write(folder, {"A": made.CAR, "B": made.VAN}, {"A": first}, acts, stop).read_text().replace("'", '"')

@@ -22,12 +22,25 @@ SPEED = (
     " dynamicsDimension='time'/><SpeedActionTarget><AbsoluteTargetSpeed value='{speed}'/></SpeedActionTarget>"
     "</SpeedAction></LongitudinalAction></PrivateAction>"
 )
+CHANGE = (
+    "<PrivateAction><LateralAction><LaneChangeAction><LaneChangeActionDynamics dynamicsShape='cubic' value='4'"
+    " dynamicsDimension='time'/><LaneChangeTarget>{target}</LaneChangeTarget></LaneChangeAction></LateralAction>"
+    "</PrivateAction>"
+)
 AT = "<ByValueCondition><SimulationTimeCondition value='{}' rule='{}'/></ByValueCondition>"
 STATE = (
     "<ByValueCondition><StoryboardElementStateCondition storyboardElementType='{}' storyboardElementRef='{}'"
     " state='{}'/></ByValueCondition>"
 )
-NEAR = "<ByEntityCondition><EntityCondition><StandStillCondition duration='1'/></EntityCondition></ByEntityCondition>"
+
+
+def when_of(name: str, condition: str) -> str:
+    """A condition on an entity."""
+    return (
+        "<ByEntityCondition><TriggeringEntities triggeringEntitiesRule='any'>"
+        f"<EntityRef entityRef='{name}'/></TriggeringEntities><EntityCondition>{condition}</EntityCondition>"
+        "</ByEntityCondition>"
+    )
 
 
 def world(x: float | str, y: float = -1.75, heading: str = "") -> str:

@@ -8,7 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import made_sources
 from litsim_data.cli import main
+from litsim_data.sources.openscenario.conditions import Conditions
 from litsim_data.sources.openscenario.source import OpenScenario
 from litsim_data.sources.openscenario.storyboard import Storyboard
 from litsim_data.sources.openscenario.xml import UnreadError, value_of
@@ -21,7 +23,7 @@ from made_openscenario import (
     ABSOLUTE,
     AT,
     CAR,
-    NEAR,
+    CHANGE,
     PLAIN,
     RELATIVE,
     SPEED,
@@ -32,6 +34,7 @@ from made_openscenario import (
     act,
     follow,
     when,
+    when_of,
     world,
     write,
 )
@@ -46,6 +49,13 @@ def scene_of(path: Path) -> tuple[dict[str, pd.DataFrame], Scene]:
 
 EAST = {0.0: world(-80.0), 10.0: world(20.0)}
 """A way of 10 m/s."""
+
+
+def NOBODY(condition: ET.Element) -> list[tuple[float, float]]:  # noqa: N802 - there are no entities
+    Conditions.check(condition)
+    return []
+
+
 STOP = when(AT.format(20, "greaterThan"), tag="StopTrigger")
 
 
@@ -71,13 +81,13 @@ def test_start_times(of_act: str, of_event: str, start: float) -> None:
     others = act("b", "B", {"first": ("<GlobalAction/>", "")})
     root = ET.fromstring(f"<R><Story name='s'>{act('a', 'A', {'e': ('', of_event)}, of_act)}{others}</Story></R>")
     (event,) = root.findall(".//Event[@name='e']")
-    assert Storyboard(root, lambda _, begin: begin + 2.0).start(event) == pytest.approx(start)
+    assert Storyboard(root, lambda _, begin: (begin + 2.0, False), NOBODY).start(event) == pytest.approx(start)
 
 
 @pytest.mark.parametrize(
     ("trigger", "why"),
     [
-        (when(NEAR), "element StandStillCondition is not read"),
+        (when(when_of("Ego", "<AngleCondition/>")), "element AngleCondition is not read"),
         (when(STATE.format("event", "e", "endTransition")), "element Event e waits for itself"),
         (when(STATE.format("event", "gone", "endTransition")), "there is no event gone"),
         (when(AT.format("soon", "greaterThan")), "attribute value is soon, expected a number"),
@@ -88,7 +98,91 @@ def test_start_times_that_are_not_known(trigger: str, why: str) -> None:
     root = ET.fromstring(f"<R><Story name='s'>{act('a', 'A', {'e': ('', trigger)})}</Story></R>")
     (event,) = root.findall(".//Event")
     with pytest.raises(UnreadError, match=re.escape(why)):
-        Storyboard(root, lambda _, begin: begin).start(event)
+        Storyboard(root, lambda _, begin: (begin, False), NOBODY).start(event)
+
+
+REF = 'entityRef="B" freespace="{}" rule="lessThan" value="{}"'
+TARGET = '<TimeToCollisionConditionTarget><EntityRef entityRef="B"/></TimeToCollisionConditionTarget>'
+PLACE = "<Position>" + world("{}") + "</Position>"
+
+
+@pytest.mark.parametrize(
+    ("who", "condition", "start"),
+    [
+        ("Ego", '<SpeedCondition rule="greaterThan" value="12"/>', 18.0),
+        ("Ego", '<AccelerationCondition rule="greaterThan" value="0.5"/>', 16.0),
+        ("Ego", '<TraveledDistanceCondition value="30"/>', 3.0),
+        ("Ego", f'<ReachPositionCondition tolerance="2">{PLACE.format(-50)}</ReachPositionCondition>', 4.8),
+        (
+            "Ego",
+            f'<DistanceCondition freespace="false" rule="lessThan" value="30">{PLACE.format(0)}</DistanceCondition>',
+            7.0,
+        ),
+        ("Ego", f'<RelativeDistanceCondition relativeDistanceType="longitudinal" {REF.format("false", 20)}/>', 13.0),
+        ("Ego", f'<RelativeDistanceCondition relativeDistanceType="longitudinal" {REF.format("true", 20)}/>', 12.5),
+        (
+            "Ego",
+            f'<RelativeDistanceCondition relativeDistanceType="cartesianDistance" {REF.format("true", 20)}/>',
+            12.5,
+        ),
+        ("Ego", f'<TimeHeadwayCondition alongRoute="true" {REF.format("false", 2)}/>', 13.0),
+        ("B", f"<TimeHeadwayCondition {REF.format('false', 2).replace('B', 'Ego')}/>", np.inf),
+        (
+            "Ego",
+            f"<TimeToCollisionCondition {REF.format('true', 2)}>{TARGET}</TimeToCollisionCondition>",
+            12.5,
+        ),
+        ("Ego", '<RelativeSpeedCondition entityRef="B" rule="greaterThan" value="5"/>', 0.0),
+        ("Ego", '<CollisionCondition><EntityRef entityRef="B"/></CollisionCondition>', 14.5),
+        ("B", '<StandStillCondition duration="2"/>', 2.0),
+        ("Ego", '<EndOfRoadCondition duration="0"/>', 23.0),
+    ],
+)
+def test_conditions_on_entities(who: str, condition: str, start: float, tmp_path: Path) -> None:
+    """Ego drives at 10 m/s from x = -100 m, and from 16 s on with 1 m/s2 to 14 m/s; B stands at 50 m, and W waits."""
+    cars = dict.fromkeys(("Ego", "B", "W"), PLAIN)
+    at = {name: STAND.format(world(x)) for name, x in (("Ego", -100.0), ("B", 50.0), ("W", -140.0))}
+    at["Ego"] += SPEED.format(shape="step", lasts=0, speed=10.0)
+    faster = act(
+        "f", "Ego", {"f": (SPEED.format(shape="linear", lasts=4, speed=14.0), when(AT.format(16, "greaterThan")))}
+    )
+    goes = act("a", "W", {"e": (SPEED.format(shape="step", lasts=0, speed=5.0), when(when_of(who, condition)))})
+    stop = when(AT.format(30, "greaterThan"), tag="StopTrigger")
+    tracks, _ = scene_of(write(tmp_path, cars, at, faster + goes, stop))
+    moves = tracks["W"]["x"] > -140.0 + 1e-6
+    begins = 0.1 * (int(moves.idxmax()) - 1) if moves.any() else np.inf
+    assert begins == pytest.approx(start, abs=0.11)
+
+
+def test_who_changes_lanes_because_of_another_and_what_follows_from_that(tmp_path: Path) -> None:
+    """Ego goes right 20 m behind B, then drives 20 m/s; C keeps to Ego's speed; all ends as Ego is at x = 100 m."""
+    change = CHANGE.format(target="<RelativeTargetLane entityRef='Ego' value='-1'/>")
+    same = SPEED.format(shape="step", lasts=0, speed=0.0).replace(
+        "AbsoluteTargetSpeed", "RelativeTargetSpeed entityRef='Ego' speedTargetValueType='delta' continuous='true'"
+    )
+    near = when_of("Ego", f'<RelativeDistanceCondition relativeDistanceType="longitudinal" {REF.format("false", 20)}/>')
+    done = when(STATE.format("event", "aside", "endTransition"))
+    cars = dict.fromkeys(("Ego", "B", "C"), PLAIN)
+    at = {name: STAND.format(world(x)) for name, x in (("Ego", -100.0), ("B", 0.0), ("C", -140.0))}
+    at["Ego"] += SPEED.format(shape="step", lasts=0, speed=10.0)
+    acts = act(
+        "a", "Ego", {"aside": (change, when(near)), "on": (SPEED.format(shape="step", lasts=0, speed=20.0), done)}
+    )
+    acts += act("c", "C", {"follows": (same, "")})
+    there = f'<ReachPositionCondition tolerance="4">{PLACE.format(100)}</ReachPositionCondition>'
+    path = write(tmp_path, cars, at, acts, when(when_of("Ego", there), tag="StopTrigger"))
+    lane = re.search(r'<lane id="-1".*?</lane>', made_sources.opendrive())
+    assert lane is not None
+    roads = made_sources.opendrive().replace("</right>", f"{lane[0].replace('-1', '-2')}</right>")
+    path.with_name("made.xodr").write_text(roads)
+    tracks, _ = scene_of(path)
+    ego, begin = tracks["Ego"], 8.1  # s at which less than 20 m are left
+    share = np.clip((ego["time"] - begin) / 4.0, 0.0, 1.0)
+    np.testing.assert_allclose(ego["y"], -1.75 - 3.5 * share**2 * (3.0 - 2.0 * share), atol=0.05)
+    np.testing.assert_allclose(np.diff(ego["x"])[:110], 1.0, atol=0.03)
+    np.testing.assert_allclose(np.diff(ego["x"])[-20:], 2.0, atol=1e-6)
+    np.testing.assert_allclose(np.diff(tracks["C"]["x"])[130:], 2.0, atol=0.02)
+    assert ego["x"].iloc[-1] == pytest.approx(99.0) and ego["yaw"].abs().max() == pytest.approx(0.131, abs=0.02)
 
 
 def test_who_waits_stands_or_drives_on_and_who_has_done_drives_on(tmp_path: Path) -> None:
@@ -170,13 +264,13 @@ def test_what_is_imported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert Scenario.load(scenario).ego_id == ids["ego"]  # type: ignore[index]
 
 
-CHANGE = "<PrivateAction><LateralAction><LaneChangeAction/></LateralAction></PrivateAction>"
+KEEP = "<PrivateAction><LateralAction><LateralDistanceAction/></LateralAction></PrivateAction>"
 
 
 @pytest.mark.parametrize(
     ("entity", "action", "why"),
     [
-        (PLAIN, CHANGE, "element LaneChangeAction is not read"),
+        (PLAIN, KEEP, "element LateralDistanceAction is not read"),
         (
             PLAIN,
             follow({0.0: world(0.0), 1.0: world("east")}),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from typing import NamedTuple
@@ -15,8 +16,9 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from litsim_data.maps.opendrive_roads import Pose, Roads
-from litsim_data.sources.openscenario.positions import FASTEST, LATEST, Positions, Track, trajectory
+from litsim_data.maps.opendrive_roads import Place, Pose, Roads
+from litsim_data.sources.openscenario.positions import FASTEST, Positions, Track, trajectory
+from litsim_data.sources.openscenario.transitions import EASED, Aside, lane_change, lane_offset, lasting, side_of
 from litsim_data.sources.openscenario.xml import UnreadError, child, number
 from litsim_sim.core.geometry import arc_lengths
 from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray
@@ -30,16 +32,12 @@ ORDER = (
     "AddEntityAction",
     "TeleportAction",
     "SpeedAction",
+    "LaneChangeAction",
+    "LaneOffsetAction",
     "FollowTrajectoryAction",
     "DeleteEntityAction",
 )
 """Actions that a player plays; actions of one time in this order."""
-EASED: dict[str, tuple[Callable[[FloatArray], FloatArray], float]] = {
-    "linear": (lambda share: share, 1.0),
-    "cubic": (lambda share: share**2 * (3.0 - 2.0 * share), 1.5),
-    "sinusoidal": (lambda share: 0.5 - 0.5 * np.cos(np.pi * share), 0.5 * math.pi),
-}
-"""Share of a change of speed by the share of its time, and its greatest slope, by dynamicsShape."""
 
 
 class Played(NamedTuple):
@@ -51,44 +49,23 @@ class Played(NamedTuple):
 
 
 class Speed(NamedTuple):
-    """A speed that changes from `first` to `last` [m/s] within `lasts` [s] from `begin` [s] on."""
+    """A speed that changes from `first` to `last` [m/s] within `lasts` [s] from `begin` [s] on.
+
+    With `other`, it leads to what that returns for a time [s] instead, and stays there.
+    """
 
     first: float = 0.0
     last: float = 0.0
     begin: float = 0.0
     lasts: float = 0.0
     shape: str = "linear"
+    other: Callable[[FloatArray], FloatArray] | None = None
 
     def at(self, times: FloatArray) -> FloatArray:
         """Returns the speeds [m/s] at times [s]."""
         share = np.clip((times - self.begin) / self.lasts, 0.0, 1.0) if self.lasts else np.ones(len(times))
-        return self.first + (self.last - self.first) * EASED[self.shape][0](share)
-
-
-def lasting(dynamics: ET.Element, change: float, mean: float) -> float:
-    """Returns how long a change of speed lasts [s].
-
-    Args:
-        dynamics: the SpeedActionDynamics.
-        change, mean: of the speed, and the speed on average [m/s].
-
-    Raises:
-        UnreadError: the dynamics are not read.
-    """
-    shape, dimension, value = (
-        dynamics.get("dynamicsShape"),
-        dynamics.get("dynamicsDimension"),
-        number(dynamics, "value"),
-    )
-    if shape == "step":
-        return 0.0
-    if shape not in EASED or dimension not in ("time", "rate", "distance") or value < 0.0:
-        raise UnreadError(f"element SpeedActionDynamics: {dimension} {value:g} of shape {shape} is not read")
-    if dimension == "time":
-        return value
-    per = value if dimension == "rate" else abs(mean)
-    amount = EASED[shape][1] * abs(change) if dimension == "rate" else value
-    return min(amount / per, LATEST) if per > 0.0 else 0.0
+        last = self.last if self.other is None else self.other(times)
+        return self.first + (last - self.first) * EASED[self.shape][0](share)
 
 
 class Player:
@@ -96,6 +73,8 @@ class Player:
 
     Attributes:
         time, pose: up to which the track is made [s], and where the entity is then, if that is known.
+        ends: when actions ended whose end depends on how the entity moves [s].
+        lanes_until: when the entity left the last lane of its road [s]; infinite if never.
 
     Args:
         actions: what it does.
@@ -105,6 +84,9 @@ class Player:
 
     def __init__(self, actions: Sequence[Played], positions: Positions, roads: Callable[[], Roads | None]) -> None:
         self._positions, self._roads = positions, roads
+        self._actions = {played.action for played in actions}
+        self.ends: dict[ET.Element, float] = {}
+        self.lanes_until = math.inf
         self._queue: list[tuple[float, int, int, Callable[[], None]]] = []
         self._order = count()
         for played in actions:
@@ -114,6 +96,9 @@ class Player:
         self.pose: Pose | None = None
         self._present, self._speed, self._travelled = True, Speed(), 0.0
         self._along: Track | None = None
+        self._aside: Aside | None = None
+        self._odometer = 0.0
+        self._on_track: ET.Element | None = None
         self._follows: tuple[Track, ET.Element | None] | None = None
         self._times: list[FloatArray] = []
         self._poses: list[FloatArray] = []
@@ -132,6 +117,10 @@ class Player:
         if not self._times:
             raise UnreadError("no TeleportAction, nor any other, says where it is")
         return Track(np.concatenate(self._times), np.concatenate(self._poses))
+
+    def plays(self, action: ET.Element) -> bool:
+        """Returns whether it plays an action, by its innermost element."""
+        return action in self._actions
 
     def _push(self, time: float, rank: int, action: Callable[[], None]) -> None:
         heapq.heappush(self._queue, (max(time, 0.0), rank, next(self._order), action))
@@ -156,20 +145,40 @@ class Player:
         speeds = self._speed.at(instants)
         way = np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(instants).clip(0.0))
         if self._along is None:
-            return self._onward(self.pose, way)
+            return self._beside(self._onward(self.pose, way, times), way, times)
         poses = self._along.at(self._travelled + way)
         beyond = self._travelled + way - self._along.times[-1]
         self._travelled += way[-1]
-        if beyond[-1] <= 0.0:
+        if beyond[-1] < 0.0:
             return poses
+        if self._on_track is not None:
+            self.ends[self._on_track] = _when(beyond, 0.0, times)
         last, self._along = self._along.poses[-1], None
-        return np.where(beyond[:, None] > 0.0, self._onward(_pose(last), beyond.clip(0.0)), poses)
+        return np.where(beyond[:, None] > 0.0, self._onward(_pose(last), beyond.clip(0.0), times), poses)
 
-    def _onward(self, pose: Pose | None, way: FloatArray) -> FloatArray:
+    def _beside(self, poses: FloatArray, way: FloatArray, times: FloatArray) -> FloatArray:
+        """Returns poses at times [s], along the lane that the entity changes to, moved to where it is by then."""
+        ways, aside = self._odometer + way, self._aside
+        begin, self._odometer = self._odometer, float(ways[-1])
+        if aside is None:
+            return poses
+        when, now = (times, self.time) if aside.by_time else (ways, begin)
+        moved = aside.moved(when) - aside.moved(np.array([now]))
+        if when[-1] >= aside.begin + aside.lasts:
+            self.ends[aside.action] = _when(when, aside.begin + aside.lasts, times)
+            self._aside = None
+        slope = np.gradient(np.r_[0.0, moved]) / np.maximum(np.gradient(np.r_[0.0, way]), 1e-6)
+        yaw = poses[:, 2]
+        x, y = poses[:, 0] - moved * np.sin(yaw), poses[:, 1] + moved * np.cos(yaw)
+        return np.column_stack([x, y, yaw + np.arctan(slope[1:]) * (np.diff(np.r_[0.0, way]) > 0.0)])
+
+    def _onward(self, pose: Pose | None, way: FloatArray, times: FloatArray) -> FloatArray:
         """Returns poses at distances `way` (n,) [m] from a pose on, along the lane and then straight."""
         assert pose is not None
         roads, before = self._roads() if way[-1] > 0.0 else None, 0.0
         place = None if roads is None else roads.place(*pose)
+        if place is not None and self._aside is not None:
+            place = self._lane_ahead(place, pose, self._aside)
         along = None
         if roads is not None and place is not None:
             line = roads.way(place, pose[2], min(float(way[-1]), WAY_MAX))
@@ -177,12 +186,22 @@ class Player:
             if len(line) > 1 and lengths[-1] > 0.0:
                 along = Track(lengths, line)
                 pose, before = _pose(line[-1]), float(lengths[-1])
+        if roads is not None and way[-1] > before:
+            self.lanes_until = min(self.lanes_until, _when(way, before, times))
         x, y, heading = pose
         rest = (way - before).clip(0.0)
         straight = np.column_stack(
             [x + rest * math.cos(heading), y + rest * math.sin(heading), np.full(len(way), heading)]
         )
         return straight if along is None else np.where((way > before)[:, None], straight, along.at(way))
+
+    def _lane_ahead(self, place: Place, pose: Pose, aside: Aside) -> Place:
+        """Returns a place on the road, on the lane that the entity is changing to."""
+        now = self.time if aside.by_time else self._odometer
+        left = aside.shift - float(aside.moved(np.array([now]))[0])
+        t = place.t + left * side_of(place, pose)
+        lane = place.road.lane_at(place.s, t)
+        return place if lane is None else replace(place, lane=lane)
 
     def _halt(self) -> None:
         """Ends what the entity follows: it drives on with the speed that it then has."""
@@ -193,12 +212,12 @@ class Player:
             way = float(np.diff(np.interp([before, now], times, lengths))[0])
             last = way / (now - before) if now > before else 0.0
             self._speed = Speed(last, last)
-        self._follows = self._along = None
+        self._follows = self._along = self._aside = None
 
     def _place(self, position: ET.Element | None) -> None:
         """Puts the entity at a position, if there is one, from which it drives on with the speed of its last action."""
         if position is not None:
-            self._follows = self._along = None
+            self._follows = self._along = self._aside = None
             self.pose = self._positions.pose(position, self.time)[0]
 
     def _Overwrite(self, played: Played) -> None:  # noqa: N802 - named after the element, as those below
@@ -217,18 +236,53 @@ class Player:
         self._present = False
 
     def _SpeedAction(self, played: Played) -> None:  # noqa: N802
-        if played.action.find("SpeedActionTarget/RelativeTargetSpeed") is not None:
-            raise UnreadError("element RelativeTargetSpeed is not read")
-        last = number(child(played.action, "SpeedActionTarget/AbsoluteTargetSpeed"), "value")
+        other, target = None, child(played.action, "SpeedActionTarget/*")
+        last = number(target, "value")
+        if target.tag == "RelativeTargetSpeed":
+            other = partial(self._relative_speed, target)
+            last = float(other(np.array([self.time]))[0])
         if not 0.0 <= last <= FASTEST:
-            raise UnreadError(f"element AbsoluteTargetSpeed: value is {last:g}, expected 0 to {FASTEST:g}")
+            raise UnreadError(f"element {target.tag}: value is {last:g}, expected 0 to {FASTEST:g}")
         if self._follows is not None:
             self._halt()
         first = float(self._speed.at(np.array([self.time]))[0])
         dynamics = child(played.action, "SpeedActionDynamics")
         lasts = lasting(dynamics, last - first, 0.5 * (first + last))
         shape = dynamics.get("dynamicsShape", "") if lasts else "linear"
-        self._speed = Speed(first, last, self.time, lasts, shape)
+        goes_on = other if target.get("continuous") == "true" else None
+        self._speed = Speed(first, last, self.time, lasts, shape, goes_on)
+        if goes_on is None:
+            self.ends[played.action] = self.time + lasts
+
+    def _relative_speed(self, target: ET.Element, times: FloatArray) -> FloatArray:
+        """Returns the speeds [m/s] at times [s] that are relative to those of an entity."""
+        value, other = number(target, "value"), self._positions.speed_of(target.get("entityRef", ""), times)
+        relative = other * value if target.get("speedTargetValueType") == "factor" else other + value
+        return relative.clip(0.0, FASTEST)
+
+    def _LaneChangeAction(self, played: Played) -> None:  # noqa: N802
+        self._move_aside(lane_change(played.action, self._ready(), self.time, self._positions))
+
+    def _LaneOffsetAction(self, played: Played) -> None:  # noqa: N802
+        self._move_aside(lane_offset(played.action, self._ready(), self._positions))
+
+    def _ready(self) -> Pose:
+        """Returns where the entity is, which ends what it follows."""
+        if self.pose is None:
+            raise UnreadError("an action beside its lane of who is nowhere")
+        if self._follows is not None:
+            self._halt()
+        return self.pose
+
+    def _move_aside(self, aside: Aside) -> None:
+        """Begins to move to the left, or does so at once."""
+        if aside.lasts > 0.0:
+            self._aside = aside._replace(begin=self.time if aside.by_time else self._odometer)
+            return
+        assert self.pose is not None
+        x, y, heading = self.pose
+        self.pose = x - aside.shift * math.sin(heading), y + aside.shift * math.cos(heading), heading
+        self.ends[aside.action] = self.time
 
     def _FollowTrajectoryAction(self, played: Played) -> None:  # noqa: N802
         track, by_time = trajectory(played.action, self.time, self._positions)
@@ -239,15 +293,22 @@ class Player:
                 self._push(track.times[-1], rank, partial(self._finish, track))
             return
         self._follows, self._along, self._travelled = None, track, 0.0
+        self._on_track, self._aside = played.action, None
         self.pose = _pose(track.poses[0])
 
     def _follow(self, track: Track, maneuver: ET.Element | None) -> None:
-        self._follows, self._along = (track, maneuver), None
+        self._follows, self._along, self._aside = (track, maneuver), None, None
         self.pose = _pose(track.at(np.array([self.time]))[0])
 
     def _finish(self, track: Track) -> None:
         if self._follows is not None and self._follows[0] is track:
             self._halt()
+
+
+def _when(values: FloatArray, value: float, times: FloatArray) -> float:
+    """Returns the first time [s] at which values (n,), which ascend, reach a value."""
+    row = min(int(np.searchsorted(values, value - 1e-9)), len(values) - 1)
+    return float(np.interp(value, values[row - 1 : row + 1], times[row - 1 : row + 1])) if row else float(times[0])
 
 
 def _pose(row: FloatArray) -> Pose:

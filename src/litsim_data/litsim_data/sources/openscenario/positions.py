@@ -39,10 +39,16 @@ class Positions:
     Args:
         roads: returns the roads of the map; it raises UnreadError where there are none.
         pose_of: returns where the entity of a name is at a time [s]; it raises UnreadError where that is not known.
+        speed_of: returns its speeds [m/s] at times [s], likewise.
     """
 
-    def __init__(self, roads: Callable[[], Roads], pose_of: Callable[[str, float], Pose]) -> None:
-        self._roads, self._pose_of = roads, pose_of
+    def __init__(
+        self,
+        roads: Callable[[], Roads],
+        pose_of: Callable[[str, float], Pose],
+        speed_of: Callable[[str, FloatArray], FloatArray],
+    ) -> None:
+        self._roads, self._pose_of, self.speed_of = roads, pose_of, speed_of
 
     def pose(self, position: ET.Element, time: float) -> tuple[Pose, bool]:
         """Returns the pose that a position stands for at a time [s], and whether it says the heading.
@@ -114,9 +120,17 @@ class Positions:
     def _place_of(self, place: ET.Element, time: float) -> Place:
         """Returns where on the roads the entity is that a position refers to."""
         name = place.get("entityRef", "")
-        on_road = self._roads().place(*self._pose_of(name, time))
+        return self.on_road(place, name, self._pose_of(name, time))
+
+    def pose_of(self, name: str, time: float) -> Pose:
+        """Returns where an entity is at a time [s]; raises UnreadError where that is not known."""
+        return self._pose_of(name, time)
+
+    def on_road(self, element: ET.Element, name: str, pose: Pose) -> Place:
+        """Returns where on the roads a pose is, for an element; raises UnreadError where it is on no lane."""
+        on_road = self._roads().place(*pose)
         if on_road is None:
-            raise UnreadError(f"element {place.tag}: {name} is on no lane")
+            raise UnreadError(f"element {element.tag}: {name} is on no lane")
         return on_road
 
     def _road(self, name: str) -> Road:

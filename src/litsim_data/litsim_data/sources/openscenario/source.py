@@ -13,7 +13,7 @@ import pandas as pd
 from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.sources.openscenario.positions import Track
 from litsim_data.sources.openscenario.script import Script
-from litsim_data.sources.openscenario.xml import UnreadError, child, number, read_scenario
+from litsim_data.sources.openscenario.xml import UnreadError, box_of, entity_in, read_scenario
 from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, FloatArray
@@ -106,16 +106,15 @@ def _rows(name: str, scenario_object: ET.Element, script: Script) -> pd.DataFram
     Raises:
         ValueError: the entity, or something that moves it, is not read.
     """
-    entity = next((one for one in scenario_object if one.tag != "ObjectController"), scenario_object)
+    entity = entity_in(scenario_object)
     if entity.tag == "CatalogReference":  # else the entry stands in its place
         entry, catalog = entity.get("entryName"), entity.get("catalogName")
         raise UnreadError(f"entry {entry} of catalog {catalog} is in no folder of element CatalogLocations")
     kind = entity.get(f"{entity.tag[:1].lower()}{entity.tag[1:]}Category", "none")
     if kind not in KINDS:
         raise UnreadError(f"element {entity.tag} of category {kind} is not simulated")
-    centre, size = child(entity, "BoundingBox/Center"), child(entity, "BoundingBox/Dimensions")
-    ahead, left = number(centre, "x"), number(centre, "y", 0.0)
-    sizes = {side: number(size, side) for side in ("length", "width")}
+    ahead, left, *given = box_of(scenario_object)
+    sizes = dict(zip(("length", "width"), given, strict=True))
     for side, value in sizes.items():
         if not 0.0 < value <= BOUNDS[side][1]:
             raise UnreadError(f"element Dimensions: {side} is {value:g}, expected at most {BOUNDS[side][1]:g} m")

@@ -1,20 +1,22 @@
-"""When the elements of an OpenSCENARIO storyboard start and end, by triggers that depend on times alone.
+"""When the elements of an OpenSCENARIO storyboard start and end.
 
 A trigger holds where all conditions of one of its groups do. A condition holds at intervals of time; its edge makes
-points in time of these, and its delay shifts them. Conditions on entities would need what is not simulated.
+points in time of these, and its delay shifts them.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from xml.etree import ElementTree as ET
 
+from litsim_data.sources.openscenario.conditions import Span
 from litsim_data.sources.openscenario.xml import UnreadError, number
 
-Span = tuple[float, float]
-"""First and last time [s] at which a condition holds."""
+Key = tuple[str, ET.Element]
+"""What of an element is asked for, its start, end or stop, and the element."""
 ALWAYS: Span = (-math.inf, math.inf)
 WRAPPERS = {"PrivateAction", "GlobalAction", "LongitudinalAction", "LateralAction", "RoutingAction", "EntityAction"}
 """Elements that stand around an action and say only of what kind it is."""
@@ -25,11 +27,25 @@ class Storyboard:
 
     Args:
         root: the root element of the scenario.
-        end_of: returns when an action that starts at a time [s] ends [s]; it raises UnreadError if that is not known.
+        end_of: returns when an action that starts at a time [s] ends [s], and whether that depends on where entities
+            are; it raises UnreadError if that is not known.
+        holds: returns when a condition on entities holds, which depends on where they are; it raises UnreadError if the
+            condition is not read.
+
+    Attributes:
+        decided: when elements start and stop [s] that depend on where entities are, once that is known.
     """
 
-    def __init__(self, root: ET.Element, end_of: Callable[[ET.Element, float], float]) -> None:
-        self._end_of = end_of
+    def __init__(
+        self,
+        root: ET.Element,
+        end_of: Callable[[ET.Element, float], tuple[float, bool]],
+        holds: Callable[[ET.Element], list[Span]],
+    ) -> None:
+        self._root, self._end_of, self._holds = root, end_of, holds
+        self.decided: dict[Key, float] = {}
+        self._moving = False
+        """Whether what is being computed depends on where entities are."""
         self._parents = {part: whole for whole in root.iter() for part in whole}
         self._by_name: dict[tuple[str, str], list[ET.Element]] = {}
         for element in root.iter():
@@ -38,8 +54,8 @@ class Storyboard:
             one.get("name", ""): one.get("value", "")
             for one in root.findall("ParameterDeclarations/ParameterDeclaration")
         }
-        self._times: dict[tuple[str, ET.Element], float | None] = {}
-        """Start and end of elements [s], once computed; None during the computation."""
+        self._times: dict[Key, tuple[float, bool] | None] = {}
+        """When elements start, end and stop [s], and whether that depends on where entities are; None meanwhile."""
 
     def start(self, element: ET.Element) -> float:
         """Returns when a story, or an element in it, starts [s]; infinite if never.
@@ -63,8 +79,39 @@ class Storyboard:
         Raises:
             UnreadError: what the trigger waits for is not read.
         """
-        trigger = element.find("StopTrigger")
-        return math.inf if trigger is None or not len(trigger) else self._triggered(trigger, 0.0)
+        return self._remembered("stop", element, partial(self._stop, element))
+
+    def waits(self, what: str, element: ET.Element) -> bool:
+        """Returns whether a start or stop depends on where entities are, and is not decided; raises UnreadError."""
+        getattr(self, what)(element)
+        entry = self._times.get((what, element))
+        return (what, element) not in self.decided and entry is not None and entry[1]
+
+    def any_waits(self) -> bool:
+        """Returns whether anything depends on where entities are."""
+        for what, element in self.decidable():
+            with suppress(UnreadError):  # which its entity says
+                if self.waits(what, element):
+                    return True
+        return False
+
+    def act_of(self, event: ET.Element) -> ET.Element | None:
+        """Returns the act around an event; None of what is in none."""
+        return self._act(event)
+
+    def act_waits(self, event: ET.Element) -> bool:
+        """Returns whether the stop of the act around an event depends on where entities are, and is not decided."""
+        act = self._act(event)
+        return act is not None and self.waits("stop", act)
+
+    def forget(self) -> None:
+        """Forgets what is not decided."""
+        self._times.clear()
+
+    def decidable(self) -> list[Key]:
+        """Returns what may be decided: starts of acts and events, and stops of acts and of the storyboard."""
+        starts = [("start", one) for tag in ("Act", "Event") for one in self._root.iter(tag)]
+        return [*starts, *(("stop", one) for tag in ("Act", "Storyboard") for one in self._root.iter(tag))]
 
     def around(self, element: ET.Element) -> ET.Element:
         """Returns the element that directly holds another one."""
@@ -81,17 +128,27 @@ class Storyboard:
 
     def _remembered(self, what: str, element: ET.Element, compute: Callable[[], float]) -> float:
         key = (what, element)
+        if key in self.decided:
+            return self.decided[key]
         if key not in self._times:
             self._times[key] = None
+            outer, self._moving = self._moving, False
             try:
-                self._times[key] = compute()
+                self._times[key] = compute(), self._moving
             except (UnreadError, RecursionError) as error:
                 del self._times[key]
                 raise UnreadError(str(error)) from error
-        time = self._times[key]
-        if time is None:
+            finally:
+                self._moving = outer
+        entry = self._times[key]
+        if entry is None:
             raise UnreadError(f"element {element.tag} {element.get('name')} waits for itself")
-        return time
+        self._moving |= entry[1]
+        return entry[0]
+
+    def _stop(self, element: ET.Element) -> float:
+        trigger = element.find("StopTrigger")
+        return math.inf if trigger is None or not len(trigger) else self._triggered(trigger, 0.0)
 
     def _start(self, element: ET.Element) -> float:
         if element.tag in ("Story", "Storyboard"):
@@ -115,7 +172,9 @@ class Storyboard:
     def _end(self, element: ET.Element) -> float:
         start = self.start(element)
         if element.tag == "Action" and start < math.inf:
-            return self._end_of(element, start)
+            end, moving = self._end_of(element, start)
+            self._moving |= moving
+            return end
         parts = [part for part in element if part.tag in ("Act", "ManeuverGroup", "Maneuver", "Event", "Action")]
         end = max([start, *map(self.end, parts)])
         return min(end, self.stop(element)) if element.tag == "Act" else end
@@ -153,8 +212,11 @@ class Storyboard:
             value, other = self._values.get(kind.get("parameterRef", "")), kind.get("value")
             if kind.get("rule") in ("equalTo", "notEqualTo"):
                 return [ALWAYS] if (value == other) == (kind.get("rule") == "equalTo") else []
-        inner = kind if kind is not None else condition.find("ByEntityCondition/EntityCondition/*")
-        raise UnreadError(f"element {condition.tag if inner is None else inner.tag} is not read")
+        of_entities = condition.find("ByEntityCondition")
+        if of_entities is not None:
+            self._moving = True
+            return self._holds(of_entities)
+        raise UnreadError(f"element {condition.tag if kind is None else kind.tag} is not read")
 
     def _in_state(self, condition: ET.Element) -> list[Span]:
         """Returns when an element of the storyboard is in the state that a condition asks for."""

@@ -87,6 +87,22 @@ def child(element: ET.Element, path: str) -> ET.Element:
     return found
 
 
+def entity_in(scenario_object: ET.Element) -> ET.Element:
+    """Returns the vehicle, pedestrian or other object that an element ScenarioObject holds."""
+    return next((one for one in scenario_object if one.tag != "ObjectController"), scenario_object)
+
+
+def box_of(scenario_object: ET.Element) -> tuple[float, float, float, float]:
+    """Returns how far ahead and left of the reference point the middle of an entity's box is, its length and width [m].
+
+    Raises:
+        UnreadError: it has no box.
+    """
+    entity = entity_in(scenario_object)
+    centre, size = child(entity, "BoundingBox/Center"), child(entity, "BoundingBox/Dimensions")
+    return number(centre, "x"), number(centre, "y", 0.0), number(size, "length"), number(size, "width")
+
+
 def value_of(text: str, scope: Scope) -> str:
     """Returns the value of an attribute: of a parameter `$name`, of an expression `${...}`, or the text itself.
 
