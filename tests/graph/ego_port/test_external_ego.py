@@ -34,6 +34,21 @@ def test_the_ego_is_under_its_control_in_a_domain_that_nobody_had_to_choose(reco
     assert np.diff(speed)[3:] == pytest.approx(np.maximum(-0.1, -speed[3:-1]), abs=1e-6)  # jerk is limited at first
 
 
+def test_a_record_is_played_into_a_stack_open_loop(recorded: Any, graph: Any) -> None:
+    """A stack that answers as in the record commands the same; all moves as recorded whatever it answers."""
+    bag, out = recorded("external", "litsim").bag, graph.folder / "played"
+    words = (bag, "--to-stack", "--out", out, "--json", graph.folder / "difference.json")
+    done = graph.finish(graph.start_program("litsim_eval", "rerun", *words, "--", sys.executable, STACK))
+    assert done.returncode == 0, done.stdout + done.stderr
+    run, played = read_run(bag), read_run(out)
+    begin = run.info.history_steps
+    assert f"{len(run.tables) - begin} answers: equal to the recorded commands" in done.stdout
+    assert json.loads((graph.folder / "difference.json").read_text())["acceleration"]["largest"] == 0.0
+    for then, now in zip(run.tables[:-1], played.tables, strict=False):
+        assert np.array_equal(then.id, now.id) and np.allclose(then.x, now.x, atol=1e-9)
+    assert len(played.tables) == len(run.tables) and sorted(played.ego_commands) == sorted(run.ego_commands)
+
+
 def test_answers_that_are_missing_or_of_no_use_are_held_where_the_user_says_so(graph: Any) -> None:
     hold = ("--on-missing", "hold", "--on-invalid", "hold", "--answer-timeout", 6)
     words = ("--scenario", graph.scenario(), "--ego", "external", "--out", graph.folder / "run", *hold)

@@ -1,9 +1,10 @@
-"""`rerun BAG`: repeat one stage, or the whole run, from the record, and compare."""
+"""`rerun BAG`: repeat one stage or the whole run from the record, or play it into a stack, and compare."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,13 +20,21 @@ SHOWN = 5  # most fields in the summary of a difference
 
 def parser() -> argparse.ArgumentParser:
     """Returns the parser of ``ros2 run litsim_eval rerun``."""
-    p = Parser(prog="rerun", description=__doc__)
+    p = Parser(prog="rerun", description=__doc__, usage="rerun [options] BAG [-- COMMAND ...]")
     p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
     kind = p.add_mutually_exclusive_group(required=True)
     kind.add_argument(
         "--node", metavar="STAGE", help=f"feed a stage its recorded inputs, and compare: {', '.join(STAGES)}"
     )
     kind.add_argument("--resimulate", action="store_true", help="simulate the run again from the bag, and compare")
+    kind.add_argument(
+        "--to-stack",
+        action="store_true",
+        help="play the run into a stack, open loop, and compare its commands with the recorded ones",
+    )
+    stack = p.add_argument_group("with --to-stack, and after -- the command that starts the stack")
+    stack.add_argument("--out", type=Path, metavar="FOLDER", help="for the record with the stack's answers")
+    stack.add_argument("--overwrite", action="store_true", help="replace an existing record")
     p.add_argument("--json", type=Path, metavar="FILE", help="write the result to this file")
     return p
 
@@ -56,19 +65,51 @@ def rerun(arguments: argparse.Namespace) -> bool:
         largest = sorted(tally.largest.items(), key=lambda entry: -entry[1])[:SHOWN]
         lines += [f"first: {tally.first}", *(f"largest: {name} by {amount:.3g}" for name, amount in largest)]
     print(*(f"note: {note}" for note in notes), *lines, sep="\n")
-    if arguments.json:
-        try:
-            arguments.json.write_text(json.dumps(report, indent=2) + "\n")
-        except OSError as error:
-            raise InputError(f"{arguments.json}: cannot be written: {error.strerror or error}") from error
+    _write(report, arguments.json)
     return equal
+
+
+def play(arguments: argparse.Namespace) -> bool:
+    """Plays the record into a stack, prints how its commands differ, and returns whether it has answered.
+
+    Raises:
+        InputError: the record cannot be used, the stack cannot be started, or the file cannot be written.
+    """
+    from litsim_eval.runs.open_loop import OpenLoopFailed, play_into, sentence  # the launcher takes half a second
+
+    if arguments.out is None or not arguments.command:
+        raise InputError("--to-stack: expected --out FOLDER, and after -- the command that starts the stack")
+    try:
+        result = play_into(arguments.bag, arguments.command, arguments.out, overwrite=arguments.overwrite)
+    except OpenLoopFailed:
+        return False
+    print(f"{arguments.out}: {sentence(result)}")
+    parts = {name: value if isinstance(value, int) else value and asdict(value) for name, value in result.items()}
+    _write(parts, arguments.json)
+    return True
+
+
+def _write(report: dict[str, Any], path: Path | None) -> None:
+    """Writes a result as JSON, if there is a file to write.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        if path is not None:
+            path.write_text(json.dumps(report, indent=2) + "\n")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 @program
 def main(argv: list[str] | None = None) -> int:
     """Runs ``ros2 run litsim_eval rerun``."""
-    arguments = parser().parse_args(argv)
-    return 0 if rerun(arguments) else EXIT_FAILED
+    given = sys.argv[1:] if argv is None else argv
+    at = given.index("--") if "--" in given else len(given)
+    arguments = parser().parse_args(given[:at])
+    arguments.command = given[at + 1 :]
+    return 0 if (play if arguments.to_stack else rerun)(arguments) else EXIT_FAILED
 
 
 if __name__ == "__main__":

@@ -167,7 +167,7 @@ class Bridge:
         """Publish the present step and wait for the answers to it, in real time until `due`."""
         node, responses, table = self._node, self._responses, self._simulation.table
         step, begin = table.step, time.perf_counter()
-        responses.open(table, driven=self._simulation.world.ego_is_driven)
+        responses.open(table, driven=self._simulation.world.ego_is_driven or self._options.open_loop)
         node.show(table)
         shown = time.perf_counter()
         node.accompany(table)

@@ -68,6 +68,8 @@ class BridgeOptions:
         clock: whether the bridge publishes /clock and /tf; false if an adapter of the ego's stack does.
         real_time_factor: simulated time per wall time: of the clock while a step waits, and in real time of the steps.
         served: whether the run was loaded by `serve`: it then waits at step 0 until it is told to go on.
+        open_loop: whether an external ego's answers count in the history as well, in which it follows its log: what it
+            would have done is then on /litsim/ego/applied.
         progress: how the progress of the run is shown.
         vehicle: vehicle model of the ego.
         stage_parameters: values of the stages' parameters, by stage and name, in YAML; they enter the identity of the
@@ -91,6 +93,7 @@ class BridgeOptions:
     clock: Flag = True
     real_time_factor: Positive[Number] = 1.0
     served: Flag = False
+    open_loop: Flag = False
     progress: Literal["bar", "lines", "none"] = "bar"
     vehicle: Any = field(default_factory=VehicleOptions)
     stage_parameters: str = ""
