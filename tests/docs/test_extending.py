@@ -9,6 +9,6 @@ PAGE, EXAMPLE = ROOT / "docs/extending.md", ROOT / "examples/extension"
 
 def test_code_of_the_page_is_that_of_the_package() -> None:
     blocks = re.findall(r"```(?:python|toml)\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    sources = [path.read_text() for path in (*EXAMPLE.glob("*.toml"), *EXAMPLE.glob("*/*.py"))]
-    assert len(blocks) == 4
+    sources = [path.read_text() for path in (*EXAMPLE.glob("*.toml"), *EXAMPLE.rglob("*.py"))]
+    assert len(blocks) == 11
     assert all(any(block.strip() in source for source in sources) for block in blocks)

@@ -1,4 +1,4 @@
-"""A package outside of the tree adds a policy, a measure and a format of recordings, without an edit to LitSim."""
+"""A package outside of the tree adds a plug-in of each kind, without an edit to LitSim."""
 
 import json
 import os
@@ -75,6 +75,12 @@ def test_recording_in_the_format(extended: dict[str, str], tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
     recording = Recording.read(out)
     assert len(recording.columns["x"]) == len(rows) and recording.header.source == FORMAT
+
+
+def test_its_own_tests_pass(extended: dict[str, str], netconvert: None) -> None:
+    words = ("-m", "pytest", "-q", "-p", "no:cacheprovider", EXTENSION / "test_example.py")
+    done = subprocess.run([sys.executable, *words], env=extended, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "5 passed" in done.stdout, done.stdout
 
 
 def test_help_lists_what_is_installed(extended: dict[str, str]) -> None:

@@ -28,6 +28,15 @@ def test_the_readme_has_the_same_example() -> None:
     assert f"```python\n{EXAMPLE}\n```" in (ROOT / "README.md").read_text()
 
 
+def test_the_example_of_the_reference_drives_the_ego_and_runs_a_campaign(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/api.md").read_text(), re.DOTALL)
+    exec(block, {})
+    assert capsys.readouterr().out == "0 contacts\nTrue\n"
+
+
 def test_a_campaign_is_run_and_resumed(tmp_path: Path) -> None:
     suite = {"name": "mine", "cases": CASES, "egos": ["idm"], "policies": ["replay", "yield"]}
     campaign = litsim.evaluate(suite, tmp_path / "mine", processes=1)

@@ -1,1 +1,1 @@
-"""A policy, a measure and a format of recordings for LitSim."""
+"""A plug-in of each kind for LitSim."""
