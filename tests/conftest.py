@@ -28,6 +28,7 @@ from hypothesis import settings
 from litsim_data.maps.netconvert import find_netconvert
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.installation import PIP_PACKAGE
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, AgentTable, Controller, Kind
 from litsim_sim.kernels.garbage import without_collection
 from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
@@ -50,7 +51,7 @@ os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="litsim-tests-")
 atexit.register(shutil.rmtree, os.environ["XDG_STATE_HOME"], ignore_errors=True)
 
 # Tests are of what LitSim ships: plug-ins that somebody has installed beside it stay out of their sight.
-SHIPPED = {plugins.PIP_PACKAGE, *(path.name for path in (Path(__file__).resolve().parents[1] / "src").iterdir())}
+SHIPPED = {PIP_PACKAGE, *(path.name for path in (Path(__file__).resolve().parents[1] / "src").iterdir())}
 for points in plugins._entry_points().values():
     points[:] = [each for each in points if each.dist and {each.dist.name, each.dist.name.replace("-", "_")} & SHIPPED]
 

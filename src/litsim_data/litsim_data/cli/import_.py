@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from litsim_data.generic.mapping import Check, Mapping
 from litsim_sim.cli.arguments import number
 from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.core.installation import command
 from litsim_sim.io.files import refuse_input_as_output, replacing
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import packaged, packaged_nets
@@ -149,9 +150,8 @@ def _cut(imported: list[Imported], folder: Path) -> bool:
     names = [folder / f"{segment.name}.yaml" for segment in manifest.segments]
     usable = survey(names, [sources[segment.recording] for segment in manifest.segments])
     print(describe(usable))
-    print(
-        f"next: ./litsim evaluate --scenario {shlex.quote(str(folder))}/*_train_*.yaml --ego idm --policy replay litsim"
-    )
+    scenarios = f"{shlex.quote(str(folder))}/*_train_*.yaml"
+    print(f"next: {command()} evaluate --scenario {scenarios} --ego idm --policy replay litsim")
     return not any(one.lacks for one in usable)
 
 

@@ -58,7 +58,7 @@ def find_netconvert() -> Path:
     for candidate in candidates:
         if candidate.is_file():
             return candidate
-    raise not_installed("netconvert")
+    raise not_installed("netconvert", "eclipse-sumo")
 
 
 def build_net(

@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 from litsim_eval.campaign.case import Case
+from litsim_sim.core.installation import command
 from litsim_sim.core.parameters import Parameters, by_stage
 from litsim_sim.scenario.policies import REPLAY
 from litsim_sim.scenario.run_info import plain_values
@@ -47,7 +48,7 @@ def _sentences(name: str, case: Case, kinds: Collection[str]) -> Iterator[str]:
     """Yields sentences on the background called `name`, that of `case`, one for each of the `kinds` of encounters."""
     figures = _figures(case.policy, by_stage((*place.split(".", 1), value) for place, value in case.parameters))
     if figures is None:
-        yield f"How credible background {name} is was not measured: `./litsim credibility` does ({MORE})."
+        yield f"How credible background {name} is was not measured: `{command()} credibility` does ({MORE})."
         return
     alike = {f"like those of this campaign ({kind.replace('_', ' ')})": kind for kind in sorted(kinds)}
     parts = {text: figures["kinds"][kind] for text, kind in alike.items() if kind in figures["kinds"]}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -17,6 +16,7 @@ from litsim_eval.campaign.criteria import Criteria, CriterionResult, Outcome, Ve
 from litsim_eval.campaign.reasons import what_happened
 from litsim_eval.campaign.suite import CAMPAIGN_FILE
 from litsim_sim.core.errors import InputError, shown
+from litsim_sim.core.installation import command, has_ros
 from litsim_sim.io.yaml_input import validate_yaml
 
 FORMAT = 2
@@ -105,19 +105,20 @@ def _told(criterion: CriterionResult, metrics: Mapping[str, Any]) -> CriterionRe
 
 
 def rerun_command(campaign: Path, case: Case) -> str:
-    """Returns the command that runs one case of the `campaign` in this folder again, over DDS, with a report."""
-    out = campaign / "reruns" / case.id
-    words = [
-        os.environ.get("LITSIM", "./litsim"),
-        "evaluate",
-        "--suite",
-        str(campaign),
-        "--case",
-        case.name,
-        "--graph",
-        "--overwrite",
-    ]
-    return shlex.join([*words, "--out", str(out)])
+    """Returns the command that runs one case of the `campaign` in this folder again, with a report.
+
+    It runs over DDS, which also records the run; where there is no ROS, in process.
+    """
+    out = ["--out", str(campaign / "reruns" / case.id)]
+    if has_ros():
+        of_suite = ["evaluate", "--suite", str(campaign), "--case", case.name, "--graph", "--overwrite"]
+        return shlex.join([command(), *of_suite, *out])
+    vehicle = ["run", "--scenario", case.scenario, "--ego-id", str(case.ego_id)]
+    options = {"seed": case.seed, "draw": case.draw, "end-after-contact": case.end_after_contact_s}
+    given = [f"--{name}={value}" for name, value in options.items() if value is not None]
+    values = {**case.ego.parameters, **dict(case.parameters)}
+    settings = ["--set", *(f"{name}={json.dumps(value)}" for name, value in values.items())] if values else []
+    return shlex.join([command(), *vehicle, "--ego", case.ego.kind, "--policy", case.policy, *given, *settings, *out])
 
 
 @dataclass(frozen=True)

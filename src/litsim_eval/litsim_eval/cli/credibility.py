@@ -24,6 +24,7 @@ from litsim_eval.credibility.table import LEGEND, table_of
 from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, print_error
+from litsim_sim.core.installation import command
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.scenario.encounter_note import SPLITS
 from litsim_sim.scenario.policies import installed_setups
@@ -117,14 +118,14 @@ def _write(results: Results, selection: Selection, arguments: argparse.Namespace
     lines = []
     if arguments.json is not None:
         write_json(results.to_json(), arguments.json)
-    command = shlex.join(["./litsim", "credibility", *sys.argv[1:]])
+    typed = shlex.join([command(), "credibility", *sys.argv[1:]])
     for folder in filter(None, (arguments.out, arguments.evidence)):
         write_json(results.to_json(), folder / JSON_FILE)
         write_csv(results, folder / CSV_FILE)
-        write_page(results, command, folder / PAGE_FILE)
+        write_page(results, typed, folder / PAGE_FILE)
         lines.append(f"page: {folder / PAGE_FILE}")
     if arguments.evidence is not None:
-        digest = write_evidence(results, selection.files, command, arguments.evidence)
+        digest = write_evidence(results, selection.files, typed, arguments.evidence)
         lines.append(
             f"evidence: {arguments.evidence / TEXT_FILE}; SHA-256 of {SUMS_FILE}, to be kept elsewhere: {digest}"
         )

@@ -9,11 +9,14 @@ from pathlib import Path
 from tqdm import tqdm
 
 from litsim_eval.analysis.metrics import compute_metrics, write_metrics
+from litsim_eval.report.analyze import measure
+from litsim_eval.report.run_report import REPORT_FILE, render, save
 from litsim_eval.report.terminal import print_metrics
 from litsim_eval.runs.runner import Runner, record
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import RUN_STATUS_HELP, interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
+from litsim_sim.launch.output import check_output
 from litsim_sim.scenario.run_info import driver_names
 from litsim_sim.world.sumo import SumoMirror
 
@@ -23,6 +26,8 @@ def parser() -> argparse.ArgumentParser:
     p = Parser(prog="run", description=__doc__, epilog=RUN_STATUS_HELP, formatter_class=DefaultsFormatter)
     add_run_arguments(p, driver_names())
     p.add_argument("--json", type=Path, help="write the metrics to this file")
+    files = "write the metrics, their tables and pictures, and the page report.html into this folder"
+    p.add_argument("--out", type=Path, metavar="DIR", help=files)
     return p
 
 
@@ -33,10 +38,17 @@ def run(arguments: argparse.Namespace) -> int:
         InputError: an argument or a file cannot be used.
     """
     plan = plan_of(arguments)
+    if arguments.out is not None:
+        check_output(arguments.out, overwrite=False)
     scenario = plan.scenario
     runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed, scenario.signals))
     with tqdm(total=scenario.total_steps + 1, unit="step", dynamic_ncols=True) as bar:
-        metrics = compute_metrics(record(runner, bar.update))
+        recorded = record(runner, bar.update)
+    if arguments.out is None:
+        metrics = compute_metrics(recorded)
+    else:
+        metrics = measure(recorded, arguments.out)
+        save(render(recorded, metrics), arguments.out / REPORT_FILE)
     if arguments.json:
         write_metrics(metrics, arguments.json)
     print_metrics(metrics)

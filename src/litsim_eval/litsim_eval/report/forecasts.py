@@ -14,6 +14,7 @@ from litsim_sim.core.topic_names import FORECASTS
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.decoding import UNDECODABLE, decoded
 from litsim_sim.record.run import Run
+from litsim_sim.scenario.run_info import IN_PROCESS
 
 POINTS_MAX = 13  # most points of one forecast: 5 s every 0.4 s
 
@@ -80,7 +81,9 @@ def read_forecasts(run: Run) -> Forecasts:
 
 
 def _messages(run: Run) -> Iterator[Any]:
-    """Yields decoded messages of the run itself, the first of each step."""
+    """Yields decoded messages of the run itself, the first of each step; none of a run that was not recorded."""
+    if run.info.mode == IN_PROCESS:
+        return
     reader, steps = BagReader(run.path), set()
     if FORECASTS not in reader.topics:
         return

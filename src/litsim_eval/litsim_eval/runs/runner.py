@@ -14,7 +14,7 @@ from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.record.run import Detection, RunInfo, Status
 from litsim_sim.record.run import Run as RecordedRun
 from litsim_sim.scenario.mission import ego_mission
-from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.run_info import IN_PROCESS, RunPlan
 from litsim_sim.simulation import Driver, Simulation, Step
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def as_recorded(plan: RunPlan, results: Sequence[Step], summary: Mapping[str, An
         wall_s: wall time of the run [s].
     """
     scenario = plan.scenario
-    info = RunInfo(**plan.facts(), mode="in-process", topics=(), configuration="", versions="")
+    info = RunInfo(**plan.facts(), mode=IN_PROCESS, topics=(), configuration="", versions="")
     last = results[-1].table.step
     finished = Status(last, BRIDGE, StageState.FINISHED, wall_s, yaml.safe_dump(dict(summary)))
     return RecordedRun(

@@ -8,13 +8,16 @@ from importlib.resources import files
 
 from litsim_sim.cli.program import program
 from litsim_sim.core import plugins
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import InputError, without_ros
+from litsim_sim.core.installation import PIP_PACKAGE, has_ros
 
 USAGE = """\
 Usage: litsim VERB [ARGUMENTS...]        litsim VERB --help says more
        litsim --version
 
 """
+OF_ROS = "(ROS 2)"
+"""End of the description of a verb that does nothing without ROS."""
 
 
 @program
@@ -26,11 +29,13 @@ def main() -> int | None:
         print(USAGE + "\n".join(f"  {line}" for line in described))
         return None
     if verb == "--version":
-        print(f"litsim {version(plugins.PIP_PACKAGE)}")
+        print(f"litsim {version(PIP_PACKAGE)}")
         return None
     entry = plugins.installed(plugins.VERBS).get(verb)
     if entry is None:
         raise InputError(f"no verb {verb!r}; there are: {' '.join(line.split()[0] for line in described)}")
+    if any(line.startswith(f"{verb} ") and line.endswith(OF_ROS) for line in described) and not has_ros():
+        raise without_ros("rclpy")
     sys.argv = [verb, *arguments]
     status: int | None = entry.load()()
     return status

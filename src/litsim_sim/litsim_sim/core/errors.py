@@ -9,6 +9,8 @@ import sys
 import traceback
 from pathlib import Path
 
+from litsim_sim.core.installation import installs
+
 EXIT_FAILED = 1  # negative result: a run failed or is not valid, or a comparison found differences
 EXIT_INPUT = 2  # input that cannot be used
 EXIT_INTERRUPTED = 130  # Ctrl-C: 128 + SIGINT, as in shells
@@ -28,9 +30,9 @@ class InputError(Exception):
     """
 
 
-def not_installed(package: str) -> InputError:
-    """Returns the error for a missing optional `package`."""
-    return InputError(f"{package} is not installed here, and this needs it: `make setup-all` installs it")
+def not_installed(what: str, package: str = "") -> InputError:
+    """Returns the error for `what` is missing, an optional `package` or a part of it."""
+    return InputError(f"{what} is not installed here, and this needs it: `{installs(package or what)}` installs it")
 
 
 def without_ros(module: str) -> InputError:

@@ -53,8 +53,6 @@ VERBS = "litsim.verbs"
 """Programs by their verbs, in an installation by pip; a workspace has a file for each."""
 
 PREFIX = "litsim."
-PIP_PACKAGE = "litsim-ros"
-"""What an installation by pip is called: all packages in one (pyproject.toml)."""
 
 
 class Configured:

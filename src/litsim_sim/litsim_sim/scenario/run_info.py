@@ -23,6 +23,8 @@ from litsim_sim.scenario.scenario import Scenario
 
 EXTERNAL = "external"
 """The ego that is any stack that answers on the ego port."""
+IN_PROCESS = "in-process"
+"""The mode of a run without ROS, of which there is no record."""
 VERSIONED = ("litsim_sim", "numpy", "libsumo", "onnxruntime", "torch", "mcap")
 
 
