@@ -1,7 +1,7 @@
 # The commands that people type. `make` alone lists them.
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
-.PHONY: help setup setup-all build demo test test-fast lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture lint-figures architecture format bench docs lock audit sbom soak clean distclean
+.PHONY: help setup setup-all build demo test test-fast lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture lint-figures architecture format bench docs wheel lock audit sbom soak clean distclean
 
 # Choices, also taken from the environment; see tools/bootstrap.sh --help.
 PYTHON ?=
@@ -78,6 +78,12 @@ docs: setup ## the site of the documentation, with the Python reference, into bu
 	@$(BIN)/uv run --quiet --no-project --python $(BIN)/python --with-requirements requirements/locked/docs.txt zensical build --strict
 	@echo "build/site/index.html: python3 -m http.server --directory build/site"
 
+wheel: setup ## what pip installs, without ROS, into dist/; built twice, and equal to the byte
+	@rm -rf dist build/again
+	@for out in dist build/again; do SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) \
+	  $(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir $$out . || exit 1; done
+	@cmp dist/*.whl build/again/*.whl && sha256sum dist/*.whl
+
 lock: ## versions and hashes of all packages, from constraints.txt, into requirements/locked/
 	@tools/lock.sh
 
@@ -88,7 +94,7 @@ sbom: ## what is installed, as CycloneDX, into sbom.json
 	$(BIN)/uv tool run --quiet --from cyclonedx-bom==7.5.0 cyclonedx-py environment --output-reproducible --of JSON -o sbom.json .venv
 
 clean: ## remove what build made
-	rm -rf build install log
+	rm -rf build dist install log
 	find src \( -name '*.nb[ic]' -o -name '*.kernel' \) -delete
 
 distclean: clean ## remove the environment and every cache as well

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -66,7 +67,7 @@ def litsim(site: Path, *words: object) -> subprocess.CompletedProcess[str]:
 
 def bare(site: Path) -> dict[str, str]:
     """An environment without the modules of the workspace and of ROS."""
-    plain = {name: value for name, value in os.environ.items() if not name.startswith(("AMENT", "COLCON", "ROS"))}
+    plain = {name: value for name, value in os.environ.items() if not name.startswith(("AMENT", "COLCON", "ROS", "LITSIM"))}
     return plain | {"PYTHONPATH": str(site)}
 
 
@@ -81,6 +82,16 @@ def test_the_wheel_has_every_file_of_the_packages(site: Path) -> None:
     assert not missing, "pyproject.toml, package-data"
 
 
+def test_the_version_is_the_same_everywhere() -> None:
+    (version,) = re.findall(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    for file in ROOT.glob("src/*/package.xml"):
+        assert f"<version>{version}</version>" in file.read_text(), file
+    assert f'version="{version}"' in (ROOT / "src/litsim_autoware/setup.py").read_text()
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
+    assert re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == version
+    assert f"litsim_ros-{version}-py3-none-any.whl" in (ROOT / "README.md").read_text()
+
+
 def test_its_entry_points_are_those_of_the_packages(site: Path) -> None:
     (packed,) = site.glob("litsim_ros-*.dist-info/entry_points.txt")
     for package in ("litsim_sim", "litsim_policy", "litsim_research"):
@@ -89,10 +100,12 @@ def test_its_entry_points_are_those_of_the_packages(site: Path) -> None:
 
 
 def test_a_run_is_that_of_the_workspace(site: Path, tmp_path: Path) -> None:
-    done = litsim(site, "run", "--scenario", "demo", "--ego", "idm", "--json", tmp_path / "pip.json")
+    done = litsim(site, "run", "--scenario", "demo", "--ego", "idm", "--out", tmp_path / "pip")
     assert done.returncode == 0, done.stderr
     here = digest(record(Runner(RunPlan.load("demo", "idm", "litsim"))))
-    assert json.loads((tmp_path / "pip.json").read_text())["digest"] == here
+    assert json.loads((tmp_path / "pip/metrics.json").read_text())["digest"] == here
+    for name in ("report.html", "series.parquet", "takeovers.parquet", "overview.png"):
+        assert (tmp_path / "pip" / name).stat().st_size > 1000
 
 
 def test_campaign_and_its_page(site: Path, campaign: Path) -> None:
@@ -128,9 +141,31 @@ for verb in {sorted(HERE)}:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize("verb", ["launch", f"replay {BAG}", "evaluate --graph --out campaign"])
+@pytest.mark.parametrize("verb", ["launch --help", "replay --help", "ego", "evaluate --graph --out campaign"])
 def test_what_needs_ros_on_the_way_says_so(site: Path, verb: str) -> None:
     assert needs_ros(litsim(site, *verb.split()))
+
+
+def test_a_failed_run_is_run_again_by_the_command_that_is_named(site: Path, tmp_path: Path) -> None:
+    words = (
+        "--scenario",
+        "demo",
+        "--ego-id",
+        "6",
+        "--ego",
+        "idm",
+        "--policy",
+        "replay",
+        "--set",
+        "ego.headway=1.2",
+    )
+    done = litsim(site, "evaluate", *words, "--out", tmp_path / "failed")
+    assert done.returncode == 1, done.stderr
+    ((name, *again),) = (shlex.split(line) for line in done.stderr.splitlines() if "--out" in line)
+    rerun = litsim(site, *again)
+    assert (name, rerun.returncode, rerun.stderr[-200:]) == ("litsim", 0, rerun.stderr[-200:])
+    (page,) = tmp_path.glob("failed/reruns/*/report.html")
+    assert json.loads((page.with_name("metrics.json")).read_text())["collision"]["excess"] > 0
 
 
 def test_unknown_verbs_are_told_with_those_that_there_are(site: Path) -> None:

@@ -1,4 +1,4 @@
-"""docs/your-own-recording.md: every command on the page is run in order, and prints what the page shows."""
+"""The tutorials: every command on a page is run in order, and prints what the page shows."""
 
 import re
 import shlex
@@ -15,7 +15,15 @@ from litsim_data.cli import main as data
 from litsim_eval.cli import compare, evaluate, report
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "your-own-recording.md"
+MADE = {
+    "first-run": ("first/replay/report.html", "first/litsim/report.html", "first/campaign/experiment.html"),
+    "your-stack": ("stack/blind/experiment.html", "stack/sighted/junit.xml"),
+    "your-own-recording": tuple(
+        f"mine/{name}"
+        for name in ("check.png", "tracks.html", "litsim/report.html", "campaign/experiment.html", "campaign/junit.xml")
+    ),
+}
+"""What a page leaves, by its name."""
 BLOCK = re.compile(r"^```(bash|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 HERE = {"data": data, "compare": compare.main, "report": report.main, "evaluate": evaluate.main}
 STATUS = re.compile(r"\s+# status (\d)$")
@@ -29,9 +37,9 @@ class Step:
     shown: list[str] = field(default_factory=list)
 
 
-def steps() -> list[Step]:
+def steps(page: str) -> list[Step]:
     found: list[Step] = []
-    for kind, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
+    for kind, text in BLOCK.findall((ROOT / f"docs/{page}.md").read_text(encoding="utf-8")):
         if kind == "bash":
             found.append(Step(list(commands(text))))
         else:
@@ -40,20 +48,22 @@ def steps() -> list[Step]:
 
 
 def commands(text: str) -> Iterator[str]:
-    """The commands of a block, those with a text after << whole."""
+    """The commands of a block, those with a text after << or between quotes whole."""
     lines = iter(text.splitlines())
     for line in lines:
         ending = re.search(r"<<'(\w+)'$", line)
         command = [line]
-        while ending and command[-1] != ending[1]:
+        while command[-1] != ending[1] if ending else "\n".join(command).count('"') % 2:
             command.append(next(lines))
         yield "\n".join(command)
 
 
 @pytest.fixture
-def checkout(tmp_path: Path, netconvert: None) -> Path:
-    """A folder that looks like this checkout to the commands of the page."""
-    pytest.importorskip("lanelet2", reason="the lanelet2 package is not installed: requirements/maps.txt")
+def checkout(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    """A folder that looks like this checkout to the commands of a page."""
+    if request.node.callspec.params["page"] == "your-own-recording":
+        request.getfixturevalue("netconvert")
+        pytest.importorskip("lanelet2", reason="the lanelet2 package is not installed: requirements/maps.txt")
     (tmp_path / "tests").symlink_to(ROOT / "tests")
     (tmp_path / "litsim").symlink_to(ROOT / "litsim")
     return tmp_path
@@ -75,9 +85,10 @@ def run(command: str, folder: Path) -> tuple[int, str]:
 
 
 @pytest.mark.graph
-def test_every_command_of_the_page(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("page", MADE)
+def test_every_command_of_the_page(page: str, checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "100")
-    for step in steps():
+    for step in steps(page):
         printed = ""
         for command in step.commands:
             expected = STATUS.search(command)
@@ -90,5 +101,5 @@ def test_every_command_of_the_page(checkout: Path, monkeypatch: pytest.MonkeyPat
             found = re.compile(pattern).search(printed, at)
             assert found, f"{step.commands[-1]}\nshould print, after what is shown before it: {line}\n{printed}"
             at = found.end()
-    for made in ("check.png", "tracks.html", "litsim/report.html", "campaign/experiment.html", "campaign/junit.xml"):
-        assert (checkout / "mine" / made).stat().st_size > 1000, made
+    for made in MADE[page]:
+        assert (checkout / made).stat().st_size > 1000, made
