@@ -67,7 +67,9 @@ def litsim(site: Path, *words: object) -> subprocess.CompletedProcess[str]:
 
 def bare(site: Path) -> dict[str, str]:
     """An environment without the modules of the workspace and of ROS."""
-    plain = {name: value for name, value in os.environ.items() if not name.startswith(("AMENT", "COLCON", "ROS", "LITSIM"))}
+    plain = {
+        name: value for name, value in os.environ.items() if not name.startswith(("AMENT", "COLCON", "ROS", "LITSIM"))
+    }
     return plain | {"PYTHONPATH": str(site)}
 
 
