@@ -268,6 +268,24 @@ def test_what_is_measured_at_a_step_is_measured_there_though_others_are_lost(
     assert [entry.ego_distance_m for entry in ledger(gone)] == [pytest.approx(18.0), None], "step 40 is lost itself"
 
 
+@pytest.mark.parametrize(
+    ("ego", "place"),
+    [
+        ({"x": 20.0}, "ahead"),
+        ({"x": -9.0, "y": 1.0, "yaw": 0.5}, "behind"),
+        ({"x": 3.0, "y": -3.2, "yaw": -0.7}, "beside"),
+        ({"x": 9.0, "y": 3.2, "yaw": 1.5}, "crossing"),
+        ({"x": 9.0, "yaw": -3.0}, "oncoming"),
+    ],
+)
+def test_the_kind_of_an_encounter_is_where_the_other_is(
+    table: Make, make_run: Make, ego: dict[str, float], place: str
+) -> None:
+    run = [table(k, {"id": 1, "y": 0.0} | ego, {"id": 2, "x": 0.0, "y": 0.0}) for k in range(8)]
+    (entry,) = ledger(make_run(run, run, takeovers={5: [record(2)]}))
+    assert entry.opponent_place == place
+
+
 def test_steps_that_are_lost_are_no_jump(table: Make, make_run: Make, moved: Make) -> None:
     run, log = handed_back(table, moved, 2.0)
     for gap, returns in (((21, 25), 0), ((22, 25), 1)):

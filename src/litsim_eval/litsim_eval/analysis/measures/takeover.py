@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -32,7 +32,7 @@ from litsim_eval.analysis.measures.collision import collisions
 from litsim_eval.analysis.measures.realism import roi_of
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_sim.core.dynamics import SPEED_MIN, VehicleLimits
-from litsim_sim.core.geometry import overlapping_pairs, wrap_angle
+from litsim_sim.core.geometry import overlapping_pairs, to_body, wrap_angle
 from litsim_sim.core.scene import AgentTable, BoolArray, Controller
 from litsim_sim.core.steps import Steps
 from litsim_sim.core.takeover import Takeover, TakeoverState
@@ -58,6 +58,16 @@ class Outcome(StrEnum):
     OWN_INTENT = "own_intent"  # driving by its own intent at the last step: no conflict, but a log that is too fast
 
 
+class Place(StrEnum):
+    """How the opponent lies and heads as the agent sees it, at the detection: the kind of an encounter."""
+
+    AHEAD = "ahead"  # heading within 45 degrees of the agent's, in its strip
+    BEHIND = "behind"
+    BESIDE = "beside"  # likewise, in another strip, as in the next lane
+    CROSSING = "crossing"
+    ONCOMING = "oncoming"  # more than 135 degrees
+
+
 @dataclass(frozen=True)
 class LedgerEntry:
     """One takeover, from detection to release; a row of `takeovers.parquet` and of `ledger` in `metrics.json`.
@@ -65,6 +75,7 @@ class LedgerEntry:
     Attributes:
         agent: id of the agent taken over.
         opponent: id of the other agent of the predicted overlap.
+        opponent_place: where that is at the detection; None if either is missing, or the record lacks that step.
         reason: name of a :class:`TakeoverReason`, in small letters.
         detected_step: step of the detection.
         own_intent_step: first step of driving by its own intent, if the takeover ended so; else None.
@@ -93,6 +104,7 @@ class LedgerEntry:
 
     agent: int
     opponent: int
+    opponent_place: Place | None
     reason: str
     detected_step: int
     own_intent_step: int | None
@@ -285,6 +297,7 @@ def _entry(run: Run, episode: Episode, contact: tuple[int, int] | None, least: f
     return LedgerEntry(
         agent=first.agent,
         opponent=first.opponent,
+        opponent_place=_opponent_place(run, first),
         reason=first.reason.name.lower(),
         detected_step=first.detected_step,
         own_intent_step=_own_intent_step(episode),
@@ -309,12 +322,31 @@ def _entry(run: Run, episode: Episode, contact: tuple[int, int] | None, least: f
 
 def _ego_distance(run: Run, agent: int, step: int) -> float | None:
     """Returns the distance [m] between the centres of `agent` and the ego at `step`; None if either is missing."""
+    if (pair := _both(run, step, agent, run.info.ego_id)) is None:
+        return None
+    return float(np.hypot(pair.x[0] - pair.x[1], pair.y[0] - pair.y[1]))
+
+
+def _opponent_place(run: Run, first: Takeover) -> Place | None:
+    """Returns where the opponent of a takeover is at its detection, `first`; None if either agent is missing."""
+    if (pair := _both(run, first.detected_step, first.agent, first.opponent)) is None:
+        return None
+    (ahead,), (left,) = to_body(np.diff(pair.x), np.diff(pair.y), pair.yaw[:1])
+    turned = abs(float(wrap_angle(pair.yaw[1] - pair.yaw[0])))
+    if turned > 0.25 * np.pi:
+        return Place.ONCOMING if turned > 0.75 * np.pi else Place.CROSSING
+    if abs(left) >= 0.5 * pair.width.sum():
+        return Place.BESIDE
+    return Place.AHEAD if ahead > 0.0 else Place.BEHIND
+
+
+def _both(run: Run, step: int, agent: int, other: int) -> AgentTable | None:
+    """Returns the two agents at `step`, in this order; None if either is missing."""
     at = int(run.steps.step.searchsorted(step))
     if at == len(run.tables) or run.tables[at].step != step:
         return None
-    table = run.tables[at]
-    i, j = table.row(agent), table.row(run.info.ego_id)
-    return float(np.hypot(table.x[i] - table.x[j], table.y[i] - table.y[j])) if min(i, j) >= 0 else None
+    rows = run.tables[at].rows(np.array([agent, other]))
+    return run.tables[at].take(rows) if rows.min() >= 0 else None
 
 
 def _own_intent_step(episode: Episode) -> int | None:
@@ -415,6 +447,11 @@ def _released(run: Metrics) -> float:
     return sum(each["released_step"] is not None for each in run["ledger"])
 
 
+def _false_alarms(place: Place) -> Callable[[Metrics], float]:
+    """Returns the number of false alarms for opponents at `place`, as a figure of a run."""
+    return lambda run: sum(each.get("opponent_place") == place and each["false_alarm"] for each in run["ledger"])
+
+
 def _by_own_intent(run: Metrics) -> float:
     return sum(each["outcome"] == Outcome.OWN_INTENT for each in run["ledger"])
 
@@ -442,6 +479,10 @@ OF_LEDGER = (
     Row("own_intent", title="driving by their own intent at the end", figure=_by_own_intent, of_control=True),
     Row("releases_missing", title="held to the end of the run", figure=_held_to_the_end, of_control=True),
     Row("held_s", title="time under control", unit="s", figure=_held_s, of_control=True),
+    *(
+        Row(f"false_alarms_{place}", title=f"false alarms, other {place}", figure=_false_alarms(place), of_control=True)
+        for place in Place
+    ),
 )
 LARGEST = (Row(over=largest, of_control=True),)
 CUT_SHORT = (Row(title="steps cut short in detection", of_control=True),)
