@@ -55,6 +55,7 @@ def test_two_launches_publish_the_same_messages(recorded: Any) -> None:
 def test_parameters_are_the_same_over_dds_in_process_and_in_re_runs(graph: Any) -> None:
     scenario, bag = graph.scenario(), graph.folder / "set"
     settings = {"ego.kind": "brake", "ego.time": [0.0, 0.0], "policy.safety.contact": False, "conflict.horizon": 2.5}
+    settings["bridge.latency"] = "0.2"
     words = [f"{name}={json.dumps(value)}" for name, value in settings.items()]
     done = graph.launch("--scenario", scenario, "--ego", "perturbed", "--out", bag, "--set", *words)
     assert done.returncode == 0, done.stderr

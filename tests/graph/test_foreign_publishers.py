@@ -13,7 +13,7 @@ from observer import Observer
 def test_a_visit_to_any_internal_topic_is_noticed_though_it_is_over(graph: Any) -> None:
     with Observer(graph.domain) as host, Observer(graph.domain) as guest:
         visits = Visits(host.node)
-        internal = dict.fromkeys(owners(STAGES, external=True, signals=True), ())
+        internal = dict.fromkeys(owners(STAGES, external=True, applied=True, signals=True), ())
         for topic in internal:
             subscribe(host.node, topic, lambda _: None, matched=visits.of(topic))
         for topic in internal:

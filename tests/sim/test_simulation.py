@@ -58,14 +58,16 @@ def test_a_run_is_that_of_the_runner_and_the_same_once_more(demo: Scenario, ego:
     assert driven(simulation) == expected
 
 
-def test_several_scenarios_together_are_each_what_they_are_alone(demo: Scenario) -> None:
+@pytest.mark.parametrize("latency", ["0", "0.4"])
+def test_several_scenarios_together_are_each_what_they_are_alone(demo: Scenario, latency: str) -> None:
     scenarios, egos = [demo, demo.around(demo.egos[1], 3)], ["idm", "perturbed"]
-    together = Simulation(scenarios, egos, "yield")
+    later = {BRIDGE: {"latency": latency}}
+    together = Simulation(scenarios, egos, "yield", later)
     digests = [RunDigest() for _ in scenarios]
     for step in together.steps():
         for number, own in together.apart(step).items():
             digests[number].update(own.table, own.controls, own.ego)
-    alone = [driven(Simulation(*given, "yield")) for given in zip(scenarios, egos, strict=True)]
+    alone = [driven(Simulation(*given, "yield", later)) for given in zip(scenarios, egos, strict=True)]
     assert [each.hexdigest() for each in digests] == alone
     assert set(together.summaries) == {0, 1}
 
@@ -175,6 +177,24 @@ def test_after_the_end_there_is_no_step(braking: Scenario) -> None:
     driven(simulation)
     with pytest.raises(ValueError, match="has ended"):
         simulation.step()
+
+
+def test_commands_of_drivers_count_later_by_the_latency(braking: Scenario) -> None:
+    class Braking:
+        def plan(self, table: AgentTable) -> EgoCommand:
+            return EgoCommand(table.step, -0.1 * table.step)
+
+    def commands(latency: str, clock: Callable[[], float] = lambda: 0.0) -> list[float]:
+        simulation = Simulation(braking, Braking(), None, {BRIDGE: {"latency": latency}}, clock=clock)
+        return [round(-10.0 * step.ego.acceleration) for step in simulation.steps()]
+
+    last = braking.total_steps
+    assert commands("0") == [*range(last + 1)]
+    assert commands("0.3") == [0, 0, 0, *range(last - 2)]
+    ticks = iter(0.06 * k for k in range(10**6))  # every look at the clock
+    assert commands("measured", lambda: next(ticks)) == [0, *range(last)]
+    with pytest.raises(InputError, match=r"bridge\.latency is 0\.25, expected measured, or a multiple"):
+        Simulation(braking, "idm", "litsim", {BRIDGE: {"latency": 0.25}})
 
 
 def test_what_cannot_be_run_is_refused(braking: Scenario) -> None:

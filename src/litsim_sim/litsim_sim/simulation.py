@@ -8,10 +8,11 @@ from __future__ import annotations
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from litsim_sim.core import plugins
+from litsim_sim.core.latency import NONE, Delayed, latency_in, without_latency
 from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, POLICY_STAGES, PREDICTOR
@@ -119,7 +120,8 @@ class Simulation:
                 :meth:`step` gives the egos' commands.
             policy: of the background: the name of an installed one or of a setup, or a class of policies, made as
                 ``cls(scenario)``; None if only those agents are off their logs that the caller of :meth:`step` drives.
-            parameters: of the stages, by stage and name, where they are not the defaults.
+            parameters: of the stages, by stage and name, where they are not the defaults; and `latency` of the bridge,
+                by which commands of the drivers count later.
             observers: see :attr:`observers`.
             full_length: whether runs go on to the ends of their scenarios, also once their egos have left or collided.
             mirror: SUMO's display of a single scenario; the caller closes it.
@@ -135,6 +137,7 @@ class Simulation:
         if self.batch is not None and policy not in PASSIVE and not class_of_policy(policy).batched:
             raise ValueError(f"policy {policy} drives the agents of one scenario, expected one that is `batched`")
         self._policy, self._full_length, self._clock = policy, full_length, clock
+        self._latency = latency_in(parameters)
         self._egos = _egos(ego, len(self.scenarios))
         names = dict.fromkeys(driver if isinstance(driver, str) else None for driver in self._egos or [None])
         self._stages = {name: configured(name, policy, parameters or {}) for name in names}
@@ -218,6 +221,7 @@ class Simulation:
         self._reaction = None if self._policy in PASSIVE else Reaction(stages, self._policy, setting, self._clock)
         load_kernels()
         self.summaries: dict[int, dict[str, Any]] = {}
+        self._delayed = [Delayed[EgoCommand](self._latency) for _ in self.scenarios]
         self._answered = False
         begin = self._clock()
         self._show(self.world.reset(), begin)
@@ -252,11 +256,21 @@ class Simulation:
         begin = self._clock()
         egos = given if self._drivers is None else tuple(self._drivers.plan(self.table, self.running))
         self._marks[EGO] = self._clock() - begin
+        if self._latency != NONE and self._drivers is not None:
+            egos = self._later(egos)
         step = Step(self.table, takeovers, controls, egos, self.running, self._marks)
         for observe in self.observers:
             observe(step)
         self._advance(step)
         return step
+
+    def _later(self, egos: tuple[EgoCommand, ...]) -> tuple[EgoCommand, ...]:
+        """Returns what of the drivers' commands is in force at the present step, by their latency."""
+        step, took = self.table.step, self._marks[EGO] / len(self.running)
+        for number in self.running:
+            self._delayed[number].put(step, egos[number], took, step)
+        in_force = [each.at(step) or EgoCommand(step) for each in self._delayed]
+        return tuple(replace(command, step=step) for command in in_force)
 
     def _given(self, command: EgoCommand | Sequence[EgoCommand] | None) -> tuple[EgoCommand, ...]:
         """Returns the commands that the caller gives; none if drivers were named."""
@@ -299,6 +313,7 @@ def configured(
         InputError: there are parameters of a stage that takes no part, a parameter is unknown to its stage or invalid,
             or the ego is unknown.
     """
+    parameters = without_latency(parameters)
     taking_part = () if policy in PASSIVE else POLICY_STAGES
     stages = (*taking_part, *(() if ego is None else (EGO,)))
     return plugins.configured_stages(stages, parameters, ego or "")

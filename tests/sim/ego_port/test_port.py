@@ -320,3 +320,41 @@ def test_the_same_thing_is_said_now_and_then() -> None:
     assert future == [20, 30, 40]
     assert at.counts["future"] == 25 * 50
     assert "(1001 so far)" in at.remarks[-1].text
+
+
+def answered(at: EgoPort, step: int, *answers: Answer) -> float:
+    """The acceleration commanded at a step, once these answers have come."""
+    at.open(step, state(step), driven=True)
+    at.ask()
+    for answer in answers:
+        at.offer(answer)
+    return at.take().acceleration
+
+
+def test_an_answer_counts_later_by_the_latency() -> None:
+    at = EgoPort("run", VehicleModel(), latency="0.2")
+    commanded = [answered(at, k, control(k, -float(k))) for k in range(20, 25)]
+    assert commanded == [0.0, 0.0, -20.0, -21.0, -22.0]
+    assert not at.missing and counts(at) == {"answered": 5}
+    assert answered(at, 25) == -23.0, "a missed answer: those before still come into force"
+    assert [answered(at, 26, control(25, -25.0), control(26, -26.0)), answered(at, 27)] == [-24.0, -25.0]
+
+
+def test_a_twist_is_reached_from_where_the_ego_is_then() -> None:
+    at = EgoPort("run", VehicleModel(), latency="0.1")
+    answered(at, 20, twist(20, 10.1))
+    at.open(21, state(21, speed=10.05), driven=True)
+    assert at.take().acceleration == pytest.approx(0.5)
+
+
+def test_a_measured_latency_is_that_of_each_answer_to_the_nearest_step() -> None:
+    times = iter((0.0, 0.04, 1.0, 1.16, 2.0, 2.01, 3.0, 3.0))  # opened, answered, …
+    at = EgoPort("run", VehicleModel(), latency="measured", clock=lambda: next(times))
+    commanded = [answered(at, k, control(k, -float(k))) for k in range(20, 24)]
+    assert commanded == [-20.0, -20.0, -22.0, -23.0], "160 ms are two steps, and an older answer is not taken then"
+
+
+@pytest.mark.parametrize("latency", ["0.25", "-0.1", "soon", "nan", "61"])
+def test_a_latency_that_is_none(latency: str) -> None:
+    with pytest.raises(ValueError, match=f"latency is {latency}, expected measured, or a multiple of 0.1 s from 0 to"):
+        EgoPort("run", VehicleModel(), latency=latency)

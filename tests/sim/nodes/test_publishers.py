@@ -9,7 +9,7 @@ from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, EGO_CONTROL, FOREIGN, R
 
 @pytest.mark.parametrize("external", [False, True])
 def test_every_recorded_topic_has_owners_but_those_that_foreign_nodes_publish_on(external: bool) -> None:
-    of_run = owners(STAGES, external=external, signals=external)
+    of_run = owners(STAGES, external=external, applied=external, signals=external)
     assert set(RECORDED_TOPICS) - set(of_run) == set(FOREIGN) - (set() if external else {EGO_CONTROL})
     assert of_run[CONTROLS] == ("policy",)
     assert of_run[SIGNALS] == of_run[EGO_APPLIED] == ((BRIDGE,) if external else ())
@@ -24,14 +24,14 @@ def test_nobody_is_too_many_as_long_as_there_are_no_more_than_owners() -> None:
 
 
 def test_an_idle_stage_is_no_stranger_and_a_second_one_of_the_run_is() -> None:
-    names = owners((*POLICY_STAGES, RECORDER), external=True, signals=False)[STATUS]
+    names = owners((*POLICY_STAGES, RECORDER), external=True, applied=True, signals=False)[STATUS]
     nodes = [f"/{name}" for name in names]
     assert surplus("/litsim/status", names, [*nodes, "/ego"]) == ""
     assert surplus("/litsim/status", names, [*nodes, "/ego", "/policy"]).startswith("/policy: publishes on ")
 
 
 def test_a_topic_that_the_run_does_without_is_for_idle_stages_alone() -> None:
-    names = owners((RECORDER,), external=True, signals=False)[CONTROLS]
+    names = owners((RECORDER,), external=True, applied=True, signals=False)[CONTROLS]
     assert names == () and surplus("/litsim/controls", names, ["/policy"]) == ""
     text = surplus("/litsim/controls", names, ["/policy", "/cheat"])
     assert text.startswith("/cheat: publishes on /litsim/controls, expected nobody")

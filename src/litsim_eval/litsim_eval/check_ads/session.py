@@ -67,7 +67,7 @@ def observe(check: Check) -> Evidence:
     file.write_text(check.scenario.to_yaml(), encoding="utf-8")
     starter = Graph(check.out, check.domain_id)  # of the stack alone, which outlives the run
     stack: Child | None = None
-    internal = owners(plan.stages, external=True, signals=check.scenario.signals is not None)
+    internal = owners(plan.stages, external=True, applied=True, signals=check.scenario.signals is not None)
     with Bystander(check.domain_id, internal) as bystander:
         try:
             graph.start(BRIDGE, nodes[BRIDGE], _bridge(check, plan, file))

@@ -15,9 +15,11 @@ from litsim_eval.campaign.results import is_campaign, read_campaign
 from litsim_eval.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite, located, packaged_suites, place_of
 from litsim_eval.runs.case_run import CaseRefused, check_cases, is_elsewhere
 from litsim_sim.cli.program import at_least_one
-from litsim_sim.cli.run_arguments import END_AFTER_CONTACT
+from litsim_sim.cli.run_arguments import END_AFTER_CONTACT, LATENCY
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.latency import NAME
 from litsim_sim.core.parameters import SET_HELP, not_among, setting
+from litsim_sim.core.stages import BRIDGE
 from litsim_sim.io.yaml_input import validate_yaml
 from litsim_sim.launch.adapters import adapter_names
 from litsim_sim.scenario.policies import PolicySetup, policy_choices, setup_of
@@ -57,6 +59,7 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
         "(default: 1; policy litsim draws them from 2 on)",
     )
     p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
+    p.add_argument("--latency", nargs="+", **LATENCY)
     part = p.add_argument_group("part of the suite", "cases that are run; all options together choose them")
     part.add_argument(
         "--case", nargs="+", default=[], metavar="NAME", help="names, their beginnings, or patterns of them"
@@ -200,6 +203,8 @@ def refuse_unusable(arguments: argparse.Namespace, cases: Sequence[Case]) -> Non
 def _varied(arguments: argparse.Namespace) -> dict[str, Any]:
     """Returns the values of each parameter that the arguments give, by `stage.name`."""
     models = {"predictor.model": arguments.predictor} if arguments.predictor else {}
+    if getattr(arguments, "latency", None):
+        models[f"{BRIDGE}.{NAME}"] = arguments.latency
     return models | {f"{stage}.{name}": values for stage, name, values in arguments.set}
 
 

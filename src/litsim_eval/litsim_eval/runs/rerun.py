@@ -17,9 +17,10 @@ from litsim_policy.conflict.messages import takeovers_to_message
 from litsim_policy.ego.ego import Ego
 from litsim_predictor.ros.messages import forecast_from_message, forecast_to_message
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.latency import NAME, NONE, latency_in
 from litsim_sim.core.plugins import configured_stages
 from litsim_sim.core.scene import AgentTable, EgoCommand
-from litsim_sim.core.stages import CONFLICT, EGO, POLICY, PREDICTOR
+from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, PREDICTOR
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.ros.messages import (
@@ -121,6 +122,8 @@ def _again(record: Record) -> Runner:
         record.notes.append(f"the record lacks the parameters of {', '.join(silent)}; the defaults are used")
     ego = _RecordedEgo(record.messages[EGO_CONTROL.name]) if external else None
     parameters = {name: values for name, values in record.parameters.items() if name in STAGES}
+    if not external and (latency := latency_in(record.parameters)) != NONE:
+        parameters[BRIDGE] = {NAME: latency}
     return Runner(RunPlan(record.scenario, info.ego, info.policy, parameters), ego=ego)
 
 

@@ -6,7 +6,9 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
+from litsim_sim.core.latency import MEASURED, NAME
 from litsim_sim.core.parameters import SET_HELP, one_setting
+from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
 from litsim_sim.scenario.policies import policy_choices
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
@@ -17,6 +19,14 @@ END_AFTER_CONTACT: dict[str, Any] = {
     "help": "end a run this long after the ego's first contact; default: as the scenario says, usually not at all",
 }
 """Arguments of argparse for the option `--end-after-contact`."""
+
+
+LATENCY: dict[str, Any] = {
+    "type": str,
+    "metavar": "SECONDS",
+    "help": f"how much later the ego's answers count, whole steps; or {MEASURED}: as long as each takes",
+}
+"""Arguments of argparse for the option `--latency`."""
 
 
 def add_run_arguments(p: argparse.ArgumentParser, egos: Sequence[str]) -> None:
@@ -32,6 +42,7 @@ def add_run_arguments(p: argparse.ArgumentParser, egos: Sequence[str]) -> None:
     p.add_argument("--seed", type=int, help="seed of all randomness; default: the scenario's")
     p.add_argument("--draw", type=int, help="number of the draw of the background's drivers; default: the scenario's")
     p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
+    p.add_argument("--latency", **LATENCY)
     p.add_argument(
         "--vehicle",
         type=_vehicle_value,
@@ -55,7 +66,7 @@ def plan_of(arguments: argparse.Namespace) -> RunPlan:
         draw=arguments.draw,
         end_after_contact_s=arguments.end_after_contact,
         vehicle=dict(arguments.vehicle),
-        settings=arguments.set,
+        settings=[*arguments.set, *([] if arguments.latency is None else [(BRIDGE, NAME, arguments.latency)])],
     )
 
 

@@ -6,11 +6,14 @@ whether the run then ends or the last good answer is held is decided in one plac
 
 from __future__ import annotations
 
+import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from litsim_sim.core.errors import printable, shown
+from litsim_sim.core.latency import NONE, Delayed
 from litsim_sim.core.scene import STEP_NS, STEP_S, AgentTable, EgoCommand
 from litsim_sim.core.topic_names import AUTO, EGO_INPUTS, Interface
 from litsim_sim.core.vehicle import VehicleModel
@@ -63,8 +66,16 @@ class EgoPort:
     """
 
     def __init__(
-        self, run_id: str, vehicle: VehicleModel, interface: str = AUTO, *, stop_on_invalid: bool = True
+        self,
+        run_id: str,
+        vehicle: VehicleModel,
+        interface: str = AUTO,
+        *,
+        stop_on_invalid: bool = True,
+        latency: str = NONE,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
+        """Take the answers of a run; they count later by `latency`, of which `clock` measures one that is measured."""
         self.interface = None if interface == AUTO else Interface(interface)
         self.by_first = interface == AUTO
         self.counts: Counter[str] = Counter()
@@ -82,7 +93,8 @@ class EgoPort:
         self._ego: EgoState | None = None
         self._driven = False
         self._invalid = ""  # text that says which answer cannot be used, and why, if the run must end for that
-        self._held: EgoCommand | TwistTarget | Reference | None = None
+        self._answers = Delayed[EgoCommand | TwistTarget | Reference](latency)
+        self._clock, self._opened = clock, 0.0
         self._remarked: dict[str, int] = {}
 
     @property
@@ -109,6 +121,7 @@ class EgoPort:
             self._owed[self._step] = self._asked - self._offered
         self._step, self._ego, self._driven = step, ego, driven and ego is not None
         self._asked, self._offered, self._invalid, self.unfit = 0, 0, "", ""
+        self._opened = self._clock()
 
     def ask(self) -> None:
         """Note that the current step is published, first or again: one more answer to it is then no surplus."""
@@ -145,14 +158,14 @@ class EgoPort:
             self._accept(step, answer)
 
     def take(self) -> EgoCommand:
-        """Returns the command for the current step; if its answer is missing, that of the newest one.
+        """Returns the command for the current step, by the newest answer that counts.
 
         Raises:
             AnswerInvalid: the answer cannot be used, and the run must end.
         """
         if self._invalid and self._stop_on_invalid:
             raise AnswerInvalid(self._invalid)
-        held = self._held
+        held = self._answers.at(self._step)
         if isinstance(held, EgoCommand):
             return replace(held, step=self._step)
         if held is None or self._ego is None or not self._driven:
@@ -184,7 +197,9 @@ class EgoPort:
                 self._invalid = printable(f"the answer to step {step} on {self.topics[0]} cannot be used: {wrong}")
             return
         self.counts["answered"] += 1
-        self._held = reference if isinstance(target, Trajectory) else target
+        held = reference if isinstance(target, Trajectory) else target
+        if held is not None:
+            self._answers.put(step, held, self._clock() - self._opened, self._step)
 
     def _step_of(self, answer: Answer) -> int | None:
         """Returns the step that is answered; None if it is between two past steps."""

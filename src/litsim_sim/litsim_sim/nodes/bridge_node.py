@@ -75,7 +75,9 @@ class BridgeNode(Node):
         external = plan.ego == EXTERNAL
         interface = chosen.ego_interface if external else Interface.CONTROL
         stop_on_invalid = chosen.on_invalid == "stop"
-        self.port = EgoPort(plan.run_id, plan.scenario.vehicle, interface, stop_on_invalid=stop_on_invalid)
+        self.port = EgoPort(
+            *(plan.run_id, plan.scenario.vehicle, interface), stop_on_invalid=stop_on_invalid, latency=plan.latency
+        )
         self.responses = ResponseCollector(
             self.port,
             self.liveness,
@@ -90,11 +92,13 @@ class BridgeNode(Node):
         self._ego_nodes: list[str] = []
         self._known_ego_publishers = EgoPublishers()
         self._ego_publishers_changed = True  # whether a publisher of the ego may have come since they were last noted
-        self._owners = owners(plan.stages, external=external, signals=plan.scenario.signals is not None)
+        self._owners = owners(
+            plan.stages, external=external, applied=plan.applied, signals=plan.scenario.signals is not None
+        )
         self._watched = -WATCH_S
         self._visits = Visits(self)
         self.watch_marks: dict[str, float] = {}  # marks of the last check of publishers, until they are reported
-        published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
+        published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if plan.applied else ()))
         self._outputs = {t: publisher_on(self, t) for t in published}
         self._broadcast = Broadcast(self, plan, clock=chosen.clock, factor=chosen.real_time_factor)
         self._diagnostics = Diagnostics(self, plan.run_id, plan.scenario.total_steps, self.port)
@@ -165,9 +169,9 @@ class BridgeNode(Node):
         self._diagnostics.step(self.responses.step)
 
     def apply(self, command: EgoCommand) -> None:
-        """Publish the command that the answer of an external ego was converted to."""
+        """Publish the command that became of an answer of the ego, if it is another one."""
         if EGO_APPLIED in self._outputs:
-            if self._ego_publishers_changed or not self._ego_nodes:
+            if self.plan.ego == EXTERNAL and (self._ego_publishers_changed or not self._ego_nodes):
                 self.note_ego_publishers()
             self._outputs[EGO_APPLIED].publish(messages.ego_to_message(command, self.plan.run_id))
 
@@ -200,7 +204,7 @@ class BridgeNode(Node):
 
     def waiting(self, step: int, text: str) -> None:
         """Report to the user and to the ego's driver what a step waits for."""
-        about = self.silent_ego() if EGO_APPLIED in self._outputs else ""  # which also remembers the ego's nodes
+        about = self.silent_ego() if self.plan.ego == EXTERNAL else ""  # which also remembers the ego's nodes
         self._ego_publishers_changed = True
         self.note(f"step {step}: {text}" + (f": {about}" if about and step == 0 and self.port.missing else ""))
         self._diagnostics.say(step, diagnostics.RUNNING, Level.WARN, text)
@@ -247,7 +251,7 @@ class BridgeNode(Node):
             serve(self._executor, min(until - now, self._broadcast.tick(now)))
             if self.port.remarks:
                 self._diagnostics.remarks(self.responses.step)
-                if EGO_APPLIED in self._outputs and (rivals := rivalry(self.port, self._ego_publishers())):
+                if self.plan.ego == EXTERNAL and (rivals := rivalry(self.port, self._ego_publishers())):
                     raise RunFailed(rivalry(self.port, self._named_ego_publishers()) or rivals)  # one may have gone
             self.liveness.check()
             self._visits.check(self._owners)

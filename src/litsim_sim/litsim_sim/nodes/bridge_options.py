@@ -10,6 +10,8 @@ import yaml
 from pydantic import Field, model_validator
 
 from litsim_sim.core.dynamics import VehicleLimits
+from litsim_sim.core.latency import NAME as LATENCY
+from litsim_sim.core.latency import NONE, latency_steps, without_latency
 from litsim_sim.core.parameters import ParameterOverrides, Parameters
 from litsim_sim.core.quantities import (
     Duration,
@@ -23,6 +25,7 @@ from litsim_sim.core.quantities import (
     field_type,
     unit,
 )
+from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.topic_names import INTERFACES
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
 from litsim_sim.core.yaml_loader import load_yaml
@@ -68,6 +71,8 @@ class BridgeOptions:
         clock: whether the bridge publishes /clock and /tf; false if an adapter of the ego's stack does.
         real_time_factor: simulated time per wall time: of the clock while a step waits, and in real time of the steps.
         served: whether the run was loaded by `serve`: it then waits at step 0 until it is told to go on.
+        latency: how much later the ego's answers count, in lock-step as well: measured, as long as each takes, to the
+            nearest step; or seconds, whole steps.
         open_loop: whether an external ego's answers count in the history as well, in which it follows its log: what it
             would have done is then on /litsim/ego/applied.
         progress: how the progress of the run is shown.
@@ -93,6 +98,7 @@ class BridgeOptions:
     clock: Flag = True
     real_time_factor: Positive[Number] = 1.0
     served: Flag = False
+    latency: str = NONE
     open_loop: Flag = False
     progress: Literal["bar", "lines", "none"] = "bar"
     vehicle: Any = field(default_factory=VehicleOptions)
@@ -105,6 +111,7 @@ class BridgeOptions:
         except ValueError as error:
             raise ValueError(f"vehicle.{error}") from error
         _by_stage(self.stage_parameters)
+        latency_steps(self.latency)
         return self
 
     @property
@@ -121,7 +128,9 @@ class BridgeOptions:
         }
         overrides: dict[str, Any] = {name: value for name, value in chosen.items() if value != OF_THE_SCENARIO}
         scenario = Scenario.load(self.scenario, **overrides, vehicle=self._own_vehicle or None)
-        return RunPlan(scenario, self.ego, self.policy, _by_stage(self.stage_parameters), new_execution())
+        stages = without_latency(_by_stage(self.stage_parameters))
+        later = {} if latency_steps(self.latency) == 0 else {BRIDGE: {LATENCY: self.latency}}
+        return RunPlan(scenario, self.ego, self.policy, stages | later, new_execution())
 
 
 def _by_stage(text: str) -> Parameters:

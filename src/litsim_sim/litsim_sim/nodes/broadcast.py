@@ -173,7 +173,8 @@ def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]],
         (*((CLOCK,) if clock else ()), AGENTS, EGO_STATE)
         + (() if plan.scenario.signals is None else (SIGNALS,))
         + (() if plan.policy == "replay" else (FORECASTS, TAKEOVERS, CONTROLS))
-        + ((EGO_APPLIED,) if plan.ego == EXTERNAL else (EGO_CONTROL,))
+        + (() if plan.ego == EXTERNAL else (EGO_CONTROL,))
+        + ((EGO_APPLIED,) if plan.applied else ())
     )
     return RunInfo(
         **plan.facts(),

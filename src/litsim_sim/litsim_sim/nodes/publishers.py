@@ -32,14 +32,14 @@ Owners = Mapping[Topic, tuple[str, ...]]
 """Names of the nodes of a run that publish on each internal topic."""
 
 
-def owners(stages: Sequence[str], *, external: bool, signals: bool) -> Owners:
+def owners(stages: Sequence[str], *, external: bool, applied: bool, signals: bool) -> Owners:
     """Returns the internal topics with their owners; the ego's commands are internal unless the ego is `external`.
 
     A topic that the run does without has no owners, such as those of signals.
     """
     of_stages = {FORECASTS: PREDICTOR, TAKEOVERS: CONFLICT, CONTROLS: POLICY, RECORDED: RECORDER}
     of_stages |= {} if external else {EGO_CONTROL: EGO}
-    of_bridge = (*PUBLISHED, HELLO, *((EGO_APPLIED,) if external else ()), *(PUBLISHED_OF_SIGNALS if signals else ()))
+    of_bridge = (*PUBLISHED, HELLO, *((EGO_APPLIED,) if applied else ()), *(PUBLISHED_OF_SIGNALS if signals else ()))
     return (
         dict.fromkeys((*PUBLISHED_OF_SIGNALS, EGO_APPLIED), ())
         | dict.fromkeys(of_bridge, (BRIDGE,))

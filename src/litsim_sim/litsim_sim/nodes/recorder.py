@@ -35,6 +35,7 @@ from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.process import process, spin
 from litsim_sim.ros.topics import (
     CLOCK,
+    EGO_APPLIED,
     FOREIGN,
     HELLO,
     LANES,
@@ -149,7 +150,12 @@ class RecorderNode(Node):
             return False
         self._run_id = info.run_id
         self._with_clock = CLOCK.name in info.topics
-        self._owners = owners(info.stages, external=info.ego == EXTERNAL, signals=SIGNALS.name in info.topics)
+        self._owners = owners(
+            info.stages,
+            external=info.ego == EXTERNAL,
+            applied=EGO_APPLIED.name in info.topics,
+            signals=SIGNALS.name in info.topics,
+        )
         describe(self._writer, info)
         names = [*(topic.name for topic in RECORDED_TOPICS), *self._foreign]
         foreign = [*(topic.name for topic in FOREIGN), *self._foreign]

@@ -15,9 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from litsim_sim.core import plugins
+from litsim_sim.core.latency import NAME as LATENCY
+from litsim_sim.core.latency import NONE, latency_in
 from litsim_sim.core.parameters import Parameters, by_stage
 from litsim_sim.core.scene import STEP_S
-from litsim_sim.core.stages import EGO, POLICY_STAGES, RECORDER
+from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER
 from litsim_sim.scenario.policies import REPLAY, setup_of
 from litsim_sim.scenario.scenario import Scenario
 
@@ -104,8 +106,19 @@ class RunPlan:
 
     @property
     def stage_parameters(self) -> Parameters:
-        """The part of :attr:`parameters` that affects the result: all but the bridge's and the recorder's."""
-        return {stage: self.parameters[stage] for stage in (*POLICY_STAGES, EGO) if self.parameters.get(stage)}
+        """The part of :attr:`parameters` that affects the result: of bridge and recorder only the latency."""
+        of_stages = {stage: self.parameters[stage] for stage in (*POLICY_STAGES, EGO) if self.parameters.get(stage)}
+        return of_stages if self.latency == NONE else of_stages | {BRIDGE: {LATENCY: self.latency}}
+
+    @property
+    def latency(self) -> str:
+        """The time by which answers of the ego's driver count later; see :mod:`litsim_sim.core.latency`."""
+        return latency_in(self.parameters)
+
+    @property
+    def applied(self) -> bool:
+        """Whether the bridge tells what became of the ego's answers: they are converted, or count later."""
+        return self.ego == EXTERNAL or self.latency != NONE
 
     @cached_property
     def run_id(self) -> str:
