@@ -9,8 +9,6 @@ import pytest
 from litsim_data.maps.map_projector import PROJECTOR_FILE, located
 from litsim_sim.core.errors import InputError
 
-pytest.importorskip("lanelet2.core")
-
 METRES_PER_DEGREE = 110_949.0  # of a meridian at 35.7 degrees north
 
 

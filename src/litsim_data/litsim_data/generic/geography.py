@@ -13,6 +13,7 @@ from litsim_sim.core.scene import FloatArray
 
 RADIUS, FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # [m] and 1 of WGS84
 SCALE = 0.9996  # of UTM, along the central meridian
+FALSE_EASTING, FALSE_NORTHING = 500_000.0, 10_000_000.0  # [m] of UTM; the latter south of the equator
 ZONE = 6.0  # [deg] width of a zone
 THIRD = FLATTENING / (2.0 - FLATTENING)
 """The third flattening n, in powers of which the series are."""
@@ -32,15 +33,26 @@ def projected(
 
     The origin's zone holds for all. Distances are those on the ground to within 0.04 %.
     """
-    meridian = ZONE * np.floor(origin[1] / ZONE) + 0.5 * ZONE
-    x, y = _mercator(latitude, longitude - meridian)
-    zero_x, zero_y = _mercator(np.array(origin[0]), np.array(origin[1] - meridian))
+    meridian = meridian_of(origin[1])
+    x, y = mercator(latitude, longitude, meridian)
+    zero_x, zero_y = mercator(np.array(origin[0]), np.array(origin[1]), meridian)
     return x - zero_x, y - zero_y
 
 
-def _mercator(latitude: FloatArray, east: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns easting and northing [m] of places by their latitude, and longitude from the central meridian [deg]."""
-    phi, lam = np.deg2rad(latitude), np.deg2rad(east)
+def meridian_of(longitude: float) -> float:
+    """Returns the central meridian [deg] of the zone in which a longitude [deg] is."""
+    return float(ZONE * np.floor(longitude / ZONE) + 0.5 * ZONE)
+
+
+def utm(latitude: FloatArray, longitude: FloatArray, meridian: float) -> tuple[FloatArray, FloatArray]:
+    """Returns UTM's easting and northing (n,) [m] of places (n,) [deg] on one side of the equator, in a zone."""
+    x, y = mercator(latitude, longitude, meridian)
+    return x + FALSE_EASTING, y + FALSE_NORTHING * (np.min(latitude) < 0.0)
+
+
+def mercator(latitude: FloatArray, longitude: FloatArray, meridian: float) -> tuple[FloatArray, FloatArray]:
+    """Returns metres east of a central `meridian` [deg], and north of the equator (n,), of places (n,) [deg]."""
+    phi, lam = np.deg2rad(latitude), np.deg2rad(longitude - meridian)
     eccentricity = 2.0 * np.sqrt(THIRD) / (1.0 + THIRD)
     conformal = np.sinh(np.arctanh(np.sin(phi)) - eccentricity * np.arctanh(eccentricity * np.sin(phi)))
     xi = np.arctan2(conformal, np.cos(lam))

@@ -16,6 +16,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
+from litsim_data.generic.geography import meridian_of
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -121,8 +122,8 @@ def grid_convergence(latitude: float, longitude: float) -> float:
     That of the transverse Mercator projection of a sphere, atan(tan(longitude - central meridian) sin(latitude)); the
     ellipsoid changes it by less than 0.01 degrees within a zone.
     """
-    central = 6.0 * math.floor(longitude / 6.0) + 3.0
-    return math.atan(math.tan(math.radians(longitude - central)) * math.sin(math.radians(latitude)))
+    east = math.radians(longitude - meridian_of(longitude))
+    return math.atan(math.tan(east) * math.sin(math.radians(latitude)))
 
 
 def explained(turn: float, origin: tuple[float, float] | None) -> str:

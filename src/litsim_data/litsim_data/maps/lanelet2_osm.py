@@ -17,6 +17,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from litsim_data.generic.geography import meridian_of, utm
 from litsim_data.maps.lane_graph import SPEED_LIMIT, TURNS, LaneGraph, Lanelet
 from litsim_data.maps.map_projector import PROJECTOR_FILE, located
 from litsim_sim.core.errors import InputError, not_installed
@@ -213,9 +214,8 @@ def _points(bound: Any) -> FloatArray:
 
 def moved_to_utm(graph: LaneGraph, origin: tuple[float, float], centre: tuple[float, float]) -> LaneGraph:
     """Returns a graph that was read from `origin` (latitude, longitude), with (0, 0) at `centre` (x, y) [m] in UTM."""
-    io, projection, _, _, core = _modules()
-    absolute = projection.UtmProjector(io.Origin(*origin), False, False).forward(core.GPSPoint(*origin, 0.0))  # noqa: FBT003 - has no names
-    shift = np.array([absolute.x - centre[0], absolute.y - centre[1], 0.0])
+    x, y = utm(np.array(origin[0]), np.array(origin[1]), meridian_of(origin[1]))
+    shift = np.array([float(x) - centre[0], float(y) - centre[1], 0.0])
     return replace(
         graph,
         lanelets=tuple(

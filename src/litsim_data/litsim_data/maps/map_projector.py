@@ -1,23 +1,25 @@
 """``map_projector_info.yaml``, which says how Autoware finds the coordinates of a Lanelet2 map in its frame ``map``.
 
-The kinds are those of autoware_lanelet2_extension, all of which are UTM from another origin. So the `lanelet2` package
-computes them, also the transverse Mercator about a meridian of its own, by longitudes counted from there.
+The kinds are those of autoware_lanelet2_extension: UTM from another origin, or about a meridian of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 from xml.etree import ElementTree as ET
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from litsim_sim.core.errors import InputError, not_installed
+from litsim_data.generic.geography import mercator, meridian_of, utm
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.yaml_input import read_yaml
 
 PROJECTOR_FILE = "map_projector_info.yaml"
-MERIDIAN = -99.0  # [deg] central meridian of a UTM zone (14) that is as wide as all, at every latitude
+EAST_MAX = 10.0  # [deg] from the central meridian, within which UTM is used at all
 SQUARE = 100_000.0  # [m] of a square of the MGRS
 ROWS = "ABCDEFGHJKLMNPQRSTUV"
 """Letters of the squares from south to north, which repeat; those of columns are as well without I and O."""
@@ -71,34 +73,27 @@ class MapProjector(BaseModel):
         path = source.parent / PROJECTOR_FILE
         return read_yaml(path, cls) if path.is_file() else None
 
-    def locate(self, places: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float]]:
-        """Yields x and y [m] in frame ``map`` of Autoware of latitudes and longitudes [deg].
+    def locate(self, latitude: FloatArray, longitude: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns x and y (n,) [m] in frame ``map`` of Autoware of places (n,) [deg].
 
         Raises:
-            InputError: the lanelet2 package is missing.
-            RuntimeError: it refuses a place, such as one outside of the zone.
+            ValueError: a place is far outside of the zone.
         """
-        try:
-            from lanelet2.core import GPSPoint
-            from lanelet2.io import Origin as UtmOrigin
-            from lanelet2.projection import UtmProjector
-        except ImportError as error:
-            raise not_installed("lanelet2") from error
-
         if self.projector_type == "MGRS":
             assert self.mgrs_grid is not None
-            whole = UtmProjector(UtmOrigin(*places[0]), False, False)  # noqa: FBT003 - no offset; no margin of the zone is refused
-            first = whole.forward(GPSPoint(*places[0], 0.0))
-            corner_x, corner_y = _corner(self.mgrs_grid, first.y)
-            projector, turned = whole, 0.0
+            meridian = 6.0 * int(self.mgrs_grid[:-3]) - 183.0
+            x, y = utm(latitude, longitude, meridian)
+            corner_x, corner_y = _corner(self.mgrs_grid, float(y[0]))
         else:
             assert self.map_origin is not None
-            latitude, longitude = self.map_origin.latitude, self.map_origin.longitude
-            turned = MERIDIAN - longitude if self.projector_type == "TransverseMercator" else 0.0
-            projector, corner_x, corner_y = UtmProjector(UtmOrigin(latitude, longitude + turned)), 0.0, 0.0
-        for latitude, longitude in places:
-            point = projector.forward(GPSPoint(latitude, longitude + turned, 0.0))
-            yield point.x - corner_x, point.y - corner_y
+            origin = np.array(self.map_origin.latitude), np.array(self.map_origin.longitude)
+            turned = self.projector_type == "TransverseMercator"
+            meridian = float(origin[1]) if turned else meridian_of(float(origin[1]))
+            x, y = mercator(latitude, longitude, meridian)
+            corner_x, corner_y = map(float, mercator(*origin, meridian))
+        if (far := np.abs(longitude - meridian) > EAST_MAX).any():
+            raise ValueError(f"longitude {longitude[far][0]:g} is more than {EAST_MAX:g} degrees from {meridian:g}")
+        return x - corner_x, y - corner_y
 
 
 def _corner(grid: str, northing: float) -> tuple[float, float]:
@@ -127,8 +122,10 @@ def located(nodes: Sequence[ET.Element], source: Path) -> list[tuple[float, floa
     if projector is None or projector.projector_type.capitalize() == "Local" or not nodes:
         return None
     try:
-        return list(projector.locate([(_degrees(node, "lat"), _degrees(node, "lon")) for node in nodes]))
-    except (ValueError, RuntimeError) as error:
+        degrees = (np.array([_degrees(node, name) for node in nodes]) for name in ("lat", "lon"))
+        x, y = projector.locate(*degrees)
+        return list(zip(x.tolist(), y.tolist(), strict=True))
+    except ValueError as error:
         why = " ".join(str(error).split())
         raise InputError(f"{source}: {PROJECTOR_FILE} beside it, {projector.projector_type}: {why}") from error
 
@@ -137,4 +134,6 @@ def _degrees(node: ET.Element, name: str) -> float:
     value = node.get(name)
     if value is None:
         raise ValueError(f"node {node.get('id')} has no {name}")
-    return float(value)
+    if not abs(degrees := float(value)) <= (84.0 if name == "lat" else 180.0):
+        raise ValueError(f"node {node.get('id')}: {name} is {degrees:g}")
+    return degrees
