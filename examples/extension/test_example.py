@@ -11,6 +11,7 @@ from litsim_data.exports.export import Content, format_of
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.launch.adapters import adapter_of
+from litsim_sim.scenario.policies import setup_of
 
 
 def run(**ego: float) -> list[Step]:
@@ -28,6 +29,10 @@ def test_cruise_holds_its_speed_and_others_make_way() -> None:
 def test_a_speed_that_is_none_is_refused() -> None:
     with pytest.raises(InputError, match=r"cruise.speed is -1, expected a number of more than 0 \[m/s\]"):
         run(**{"cruise.speed": -1})
+
+
+def test_cautious_agents_keep_two_seconds() -> None:
+    assert setup_of("cautious").stage_parameters()["policy"] == {"follower.headway": 2.0}
 
 
 def test_centre_lines_become_a_net(tmp_path: Path) -> None:

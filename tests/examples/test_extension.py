@@ -80,7 +80,7 @@ def test_recording_in_the_format(extended: dict[str, str], tmp_path: Path) -> No
 def test_its_own_tests_pass(extended: dict[str, str], netconvert: None) -> None:
     words = ("-m", "pytest", "-q", "-p", "no:cacheprovider", EXTENSION / "test_example.py")
     done = subprocess.run([sys.executable, *words], env=extended, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and "5 passed" in done.stdout, done.stdout
+    assert done.returncode == 0 and "6 passed" in done.stdout, done.stdout
 
 
 def test_help_lists_what_is_installed(extended: dict[str, str]) -> None:

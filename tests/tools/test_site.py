@@ -76,6 +76,6 @@ def test_the_reference_names_what_there_is_and_has_a_docstring(name: str) -> Non
 def test_the_reference_has_every_kind_of_plug_in() -> None:
     shown = set(re.findall(r"^### (litsim\.\w+)$", REFERENCE, re.MULTILINE))
     assert shown == {
-        *(plugins.POLICIES, plugins.EGOS, plugins.ADAPTERS, plugins.PREDICTORS, plugins.METRICS),
+        *(plugins.POLICIES, plugins.SETUPS, plugins.EGOS, plugins.ADAPTERS, plugins.PREDICTORS, plugins.METRICS),
         *(plugins.MAPS, plugins.SOURCES, plugins.EXPORTS),
     }
