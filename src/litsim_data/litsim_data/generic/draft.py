@@ -27,6 +27,16 @@ from litsim_data.generic.checks import (
     rows_apart,
     steps,
 )
+from litsim_data.generic.column_names import (
+    COMPONENTS,
+    FEET,
+    GEOGRAPHIC,
+    HEIGHT,
+    METRES,
+    SUMO_X,
+    named_columns,
+    plain_name,
+)
 from litsim_data.generic.geography import projected
 from litsim_data.generic.kinds import NUMBERED, likely_kind
 from litsim_data.generic.mapping import FACTORS, Mapping
@@ -39,28 +49,6 @@ from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.table_input import TableFiles, is_stamped, seconds_of
 
-OF = r"(vehicle|veh|car|object|obj|actor|agent|track|timestep)_?"
-"""What many names begin with, in lower case: ``vehicle_x`` of SUMO's trajectories is an x."""
-PLACE = r"(local|pos(ition)?|utm|map|translation|location|cent(er|re))_?"
-NAMES: dict[str, str] = {
-    "vehicle_id": r"(vehicle|track|agent|actor|object|car|obj|veh|instance)?_?(id|uuid|token|idx|index)",
-    "time": rf"({OF}|global_?)?(time|timestamp|stamp)(_?(s|ms|us|ns|sec|seconds|micros|millis|nanos))?|t|total_nanos",
-    "frame": r"frame(_?(id|number|num|no))?|(time_?)?step",
-    "x": rf"({OF})?({PLACE})?t?x(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?east(ing)?",
-    "y": rf"({OF})?({PLACE})?t?y(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?north(ing)?",
-    "length": rf"({OF}|v_?)?(length|size_?l)(_?(m|ft|cm))?",
-    "width": rf"({OF}|v_?)?(width|size_?w)(_?(m|ft|cm))?",
-    "yaw": rf"({OF}|utm_?)?(yaw|heading|course|psi|theta|orientation|angle)(_?(rad|deg))?",
-    "speed": rf"({OF})?(speed|velocity)|v|v_?vel|lon_?velocity|speed_?(ms|mps|kmh|kph|km_h|mph|m_s)",
-    "speed_x": r"v(el|elocity)?_?x|x_?v(el|elocity)|speed_?x",
-    "speed_y": r"v(el|elocity)?_?y|y_?v(el|elocity)|speed_?y",
-    "acceleration": r"(lon_?)?(acceleration|accel|acc)(_?(mps2|m_?s2))?|v_?acc",
-    "kind": r"(agent|actor|object|obj|vehicle|track|v)?_?(type|class|kind|category)(_?(id|name))?|classification",
-    "lane": rf"({OF})?lane(_?id)?",
-    "clip": r"(case|clip|recording|scenario|scene|sequence|file|log)_?(id|no|number)?",
-}
-"""Pattern of a file's column names, in lower case with words joined by underscores or nothing, by our name."""
-
 NARROW = 0.45  # [m] width of people, who may be most of those in a file
 FRAMES_APART = 3  # rows between the positions that motion is judged by, where frames have a rate that nobody knows
 HINTS = (
@@ -70,24 +58,14 @@ HINTS = (
 )
 POSITIONS = ("m", "cm", "ft")
 """Units of positions, the more usual ones first."""
-FEET, METRES = r"(ft|feet)$", r"[_x]m$|utm|east"
-"""Pattern of names of a column of positions, in lower case, that tell their unit."""
-GEOGRAPHIC = {"x": r"lon(gitude)?|lng", "y": r"lat(itude)?"}
-"""Pattern of column names, in lower case, of positions on earth, which are used where there are no others."""
 VALID = r"(is_?)?valid"
 """Pattern of names of a column, in lower case, that says in which rows a vehicle is there."""
 LATITUDE_MAX = 80.0  # [deg] of UTM
 TRUE = ("true", "1")
 """Values, as text, of a column that says so."""
-COMPONENTS = ("speed_x", "speed_y")
-HEIGHT = "height"
-"""Column of image boxes with their extent across the road; column width is their extent along it."""
-SUMO_X = "vehicle_x"
-"""Column of SUMO's trajectories (option --fcd-output, by xml2csv)."""
 NUMBERS = {"time", "frame", "x", "y", "length", "width", "yaw", "speed", "speed_x", "speed_y"}
 OPTIONAL = ("yaw", "speed", "acceleration", "lane")
 """Columns of numbers that a file need not have; in one that it has, every cell is one."""
-IDENTITY = ("vehicle_id", "x", "y")
 
 
 class _Draft:
@@ -107,7 +85,7 @@ def draft(paths: Path | Sequence[Path]) -> str:
         return text
     repeated = repeated_columns(paths if isinstance(paths, Path) else paths[0])
     source = open_tables(paths, repeated)
-    columns = _named(source)
+    columns = named_columns(source)
     used = set(columns.values())
     raw, valid = _present(source, columns)
     table = pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()})
@@ -132,7 +110,7 @@ def draft(paths: Path | Sequence[Path]) -> str:
     mapping.remarks["columns"] = "; ".join(remarks)
     if repeated:
         mapping.fields["repeated"] = repeated
-    if re.fullmatch(GEOGRAPHIC["x"], columns["x"].strip().lower()):
+    if re.fullmatch(GEOGRAPHIC["x"], plain_name(columns["x"])):
         table = _on_plane(mapping, table)
     mapping.fields["reference"], mapping.remarks["reference"] = _reference(columns)
     table = _of_first_clip(mapping, table)
@@ -233,37 +211,6 @@ def _incomplete(table: pd.DataFrame) -> list[str]:
     names = [name for name in names if vehicles[name].isna().any()]
     lanes = pd.to_numeric(table["lane"], errors="coerce") if "lane" in table else pd.Series()  # many are names
     return [*names, *(["lane"] if lanes.isna().any() else [])]
-
-
-def _named(source: TableFiles) -> dict[str, str]:
-    """Returns the file's columns by our names; the first of several that match, of positions first with a unit."""
-    named: dict[str, str] = {}
-    with_unit = sorted(source.columns, key=lambda name: not re.search(rf"{FEET}|{METRES}", name.lower()))
-    for ours, pattern in NAMES.items():
-        for theirs in with_unit if ours in ("x", "y") else source.columns:
-            plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", theirs.strip()).lower().replace(" ", "_").replace("-", "_")
-            if theirs not in named.values() and re.fullmatch(pattern, plain):
-                named[ours] = theirs
-                break
-    if "time" in named:
-        named.pop("frame", None)
-    if not {"x", "y"} <= {*named}:
-        for ours, pattern in GEOGRAPHIC.items():
-            degrees = [name for name in source.columns if re.fullmatch(pattern, name.strip().lower())]
-            named |= {ours: degrees[0]} if degrees else {}
-    if "speed" in named or not {*COMPONENTS} <= {*named}:
-        for name in COMPONENTS:
-            named.pop(name, None)
-    if "length" not in named and "width" in named and HEIGHT in source.columns:  # of boxes along x, as in highD
-        named |= {"length": named["width"], "width": HEIGHT}
-    missing = [name for name in IDENTITY if name not in named]
-    missing += [] if "time" in named or "frame" in named else ["time or frame"]
-    if missing:
-        raise InputError(
-            f"{source}: no column looks like {', '.join(missing)}; the file has {list(source.columns)}; write the "
-            f"mapping by hand (docs/data.md)"
-        )
-    return named
 
 
 def _clock(mapping: _Draft, step: pd.Series) -> int:
