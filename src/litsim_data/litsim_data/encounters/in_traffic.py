@@ -112,7 +112,9 @@ class Traffic:
                     usable.append((onset, moment))
                 else:
                     self.left_out[lack] += 1
-        return sorted(usable, key=lambda each: (each[0], KINDS.index(each[1].kind), each[1].agent, each[1].opponent))
+        return sorted(
+            usable, key=lambda scored: (scored[0], KINDS.index(scored[1].kind), scored[1].agent, scored[1].opponent)
+        )
 
     def _encounter(self, part: Recording, situation: Situation, moment: Moment, onset: int) -> Encounter:
         """Returns the encounter of a `moment` that begins at step `onset` of a `part` of the recording."""

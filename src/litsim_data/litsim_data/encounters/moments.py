@@ -79,8 +79,8 @@ def _following(situation: Situation, row: int, ahead: int, part: slice) -> Follo
 
     Places are the integrals of speeds along lanes: gaps along lanes jump where lanes do not fit each other.
     """
-    log, speed = situation.log, {each: situation.tracks.along[each, part] for each in (row, ahead)}
-    way = {each: np.append(0.0, np.cumsum(0.5 * STEP_S * (v[1:] + v[:-1]))) for each, v in speed.items()}
+    log, speed = situation.log, {vehicle: situation.tracks.along[vehicle, part] for vehicle in (row, ahead)}
+    way = {vehicle: np.append(0.0, np.cumsum(0.5 * STEP_S * (v[1:] + v[:-1]))) for vehicle, v in speed.items()}
     return FollowingTrack(
         site="",
         period=0,

@@ -32,7 +32,7 @@ def at_pace(situation: Situation, row: int, onset: int, last: int) -> Track:
         beside = 0.0
     else:
         roads = {
-            situation.lane_map.lanes[each].edge_id for each in set(situation.tracks.lane[row].tolist()) - {NOWHERE}
+            situation.lane_map.lanes[lane].edge_id for lane in set(situation.tracks.lane[row].tolist()) - {NOWHERE}
         }
         points = situation.lane_map.path_from(lane, float(situation.tracks.s[row, onset]), ahead, roads)
         beside = float(situation.tracks.d[row, onset])

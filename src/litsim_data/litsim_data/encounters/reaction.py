@@ -103,7 +103,7 @@ def box_gaps(
     constant velocities; inf beyond the horizon of :func:`times_to_collision`.
     """
     corners = (box_corners(t.x, t.y, t.yaw, *_arrays(size)) for t, size in ((a, a_size), (b, b_size)))
-    distance = shapely.distance(*(shapely.polygons(each) for each in corners))
+    distance = shapely.distance(*(shapely.polygons(corner) for corner in corners))
     at = np.arange(2 * len(a))
     both = {name: np.column_stack([getattr(a, name), getattr(b, name)]).ravel() for name in ("x", "y", "yaw", "speed")}
     table = AgentTable(

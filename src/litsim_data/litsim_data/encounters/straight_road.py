@@ -52,7 +52,7 @@ def encounter(braking: Braking) -> Encounter:
         _columns(note.opponent, frame, _at_pace(opponent, onset), track.leader_length),
         _columns(note.agent, frame, _at_pace(seen, onset), CAR_LENGTH),
     ]
-    both = {name: np.concatenate([each[name] for each in columns]) for name in columns[0]}
+    both = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
     return _origin(track.site).encounter(braking.name, note, both)
 
 

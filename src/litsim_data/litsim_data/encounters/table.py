@@ -75,7 +75,7 @@ class EncounterRow:
 def table_text(rows: Iterable[EncounterRow]) -> str:
     """Returns `rows` as the text of a CSV file."""
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, [each.name for each in fields(EncounterRow)], lineterminator="\n")
+    writer = csv.DictWriter(stream, [field.name for field in fields(EncounterRow)], lineterminator="\n")
     writer.writeheader()
     writer.writerows(asdict(row) for row in rows)
     return stream.getvalue()
@@ -84,6 +84,6 @@ def table_text(rows: Iterable[EncounterRow]) -> str:
 def table_rows(text: str) -> tuple[EncounterRow, ...]:
     """Returns the rows of a table that :func:`table_text` wrote."""
     types: dict[Any, type] = {"int": int, "float": float}  # the fields' types are text here
-    columns = {each.name: types.get(each.type, str) for each in fields(EncounterRow)}
+    columns = {field.name: types.get(field.type, str) for field in fields(EncounterRow)}
     table = csv.DictReader(text.splitlines())
     return tuple(EncounterRow(**{name: kind(values[name]) for name, kind in columns.items()}) for values in table)

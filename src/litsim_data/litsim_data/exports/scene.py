@@ -78,7 +78,7 @@ class Scene(Export):
                 writer.add_attachment(0, 0, name, "", data)
             writer.add_metadata("run", reader.metadata)
             ours = [(at, name, data) for at, name, data in messages if name in added]
-            recorded = ((each.log_time_ns, each.topic, each.data) for each in reader.messages())
+            recorded = ((message.log_time_ns, message.topic, message.data) for message in reader.messages())
             for at, name, data in _merged(ours, recorded):
                 writer.add_message(channels[name], at, data, at)
                 count += name in added
@@ -112,13 +112,13 @@ def _messages(content: Content, table: pd.DataFrame, rear_axle: float) -> Iterat
     every: Iterator[Any] = table.itertuples(index=False)
     for frame, rows in groupby(every, key=attrgetter("frame")):
         step, agents = int(frame) - first, [*rows]
-        at, others = step * STEP_NS, [each for each in agents if each.vehicle_id != content.ego]
+        at, others = step * STEP_NS, [agent for agent in agents if agent.vehicle_id != content.ego]
         for ego in agents:
             if ego.vehicle_id == content.ego:
                 back = rear_axle * ego.length
                 x, y = ego.x - back * np.cos(ego.yaw), ego.y - back * np.sin(ego.yaw)
                 yield at, TF, _tf(step, "odom", "base_link", x, y, ego.yaw)
-        yield at, MARKERS_AGENTS, _markers(step, [_box(step, number, each) for number, each in enumerate(agents)])
+        yield at, MARKERS_AGENTS, _markers(step, [_box(step, number, agent) for number, agent in enumerate(agents)])
         yield at, OBJECTS, _cloud(step, others)
         if content.signals is not None:
             yield at, LIGHT_MARKERS, _markers(step, _lights(step, content))
@@ -195,8 +195,8 @@ def _cloud(step: int, agents: list[Any]) -> bytes:
     layout = np.dtype([*((name, "<f4") for name in FLOATS), ("id", "<u4"), ("kind", "u1")])
     points = np.zeros(len(agents), layout)
     for name in ("x", "y", "yaw", "speed", "length", "width", "kind"):
-        points[name] = [getattr(each, name) for each in agents]
-    points["id"] = [each.vehicle_id & 0xFFFFFFFF for each in agents]
+        points[name] = [getattr(agent, name) for agent in agents]
+    points["id"] = [agent.vehicle_id & 0xFFFFFFFF for agent in agents]
     kinds = {"<f4": FLOAT32, "<u4": UINT32, "|u1": UINT8}
     fields = [
         _make("sensor_msgs/msg/PointField", name, offset, kinds[kind.str], 1)

@@ -257,17 +257,17 @@ Listed = partial(Measure, kinds=(list,))
 def family(*parts: Measure | str) -> tuple[Measure, ...]:
     """Returns the measures among `parts`, each with the last text before it, which may be of several."""
     text, measures = "", []
-    for each in parts:
-        if isinstance(each, Measure):
-            measures.append(replace(each, text=text))
+    for part in parts:
+        if isinstance(part, Measure):
+            measures.append(replace(part, text=text))
         else:
-            text = each
+            text = part
     return tuple(measures)
 
 
 def moments_of(events: Callable[[Metrics], Iterable[Mapping[str, Any]]]) -> Callable[[Run, Metrics], Iterable[Span]]:
     """Returns the function of the moments of events in metrics, from their `step` to their `end_step`, if they last."""
-    return lambda _, metrics: ((each["step"], each.get("end_step", each["step"])) for each in events(metrics))
+    return lambda _, metrics: ((event["step"], event.get("end_step", event["step"])) for event in events(metrics))
 
 
 def figure_at(path: str) -> Figure:

@@ -105,7 +105,7 @@ def _checked(name: str, measure: Measure, run: Run) -> float | None:
 @cache
 def measures() -> tuple[Measure, ...]:
     """Returns all measures, ours and those of other packages, in the order of `metrics.json`."""
-    return (*(each for family in FAMILIES.values() for each in family), *added(), *lockstep.VALIDITY)
+    return (*(measure for family in FAMILIES.values() for measure in family), *added(), *lockstep.VALIDITY)
 
 
 def compute_metrics(run: Run) -> dict[str, Any]:

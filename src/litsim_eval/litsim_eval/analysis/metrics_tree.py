@@ -49,8 +49,8 @@ def find_field(name: str) -> MetricField:
 def _near(name: str) -> str:
     names = [field.name for field in metric_fields()]
     last = name.rsplit(".", 1)[-1]
-    alike = get_close_matches(last, {each.rsplit(".", 1)[-1] for each in names}, NEAR_MAX, 0.75)
-    same_end = [each for each in names if each.rsplit(".", 1)[-1] in alike]
-    below = [each for each in names if each.startswith(f"{name}.")]
+    alike = get_close_matches(last, {path.rsplit(".", 1)[-1] for path in names}, NEAR_MAX, 0.75)
+    same_end = [path for path in names if path.rsplit(".", 1)[-1] in alike]
+    below = [path for path in names if path.startswith(f"{name}.")]
     nearest = dict.fromkeys(chain(below, get_close_matches(name, names, NEAR_MAX), same_end))
     return f" (near: {', '.join(list(nearest)[:NEAR_MAX])})" if nearest else "; docs/metrics.md has all"

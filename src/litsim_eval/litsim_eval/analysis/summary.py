@@ -84,8 +84,8 @@ def check_summable(metrics: Metrics) -> None:
     for row in table_rows():
         for figure in filter(None, (row.figure, row.below)):
             figure(metrics)
-    steps = [each["detected_step"] for each in metrics["ledger"]]
-    steps += [each["step"] for each in metrics["collision"]["contacts"]]
+    steps = [entry["detected_step"] for entry in metrics["ledger"]]
+    steps += [contact["step"] for contact in metrics["collision"]["contacts"]]
     if max(steps, default=0) > metrics["steps"]:
         raise ValueError(f"a takeover or contact at step {max(steps)}, expected at most {metrics['steps']}")
     kinds = {field.name: field.kinds for field in metric_fields()}

@@ -89,7 +89,7 @@ def series_tables(run: Run, rows_max: int = ROWS_MAX) -> Iterator[pa.Table]:
 def _series_table(run: Run, begin: int, end: int) -> pa.Table:
     """Returns the rows of :func:`series_tables` of the simulated steps `begin` to `end`, exclusive."""
     lead = max(0, begin - PET_HORIZON)  # steps before, on which those of the table depend
-    steps, log = (each.part(lead, end) for each in (run.simulated, run.simulated_log))
+    steps, log = (whole.part(lead, end) for whole in (run.simulated, run.simulated_log))
     table = steps.stacked
     columns = {name: getattr(table, field) for name, field in _STATES.items()}
     columns["step"] = steps.step[table.number]
@@ -99,7 +99,7 @@ def _series_table(run: Run, begin: int, end: int) -> pa.Table:
     own = slice(int(steps.begin[begin - lead]), None)
     columns = {name: values[own] for name, values in columns.items()}
     arrays = {name: _array(values, SERIES.field(name).type) for name, values in columns.items()}
-    arrays["controller"] = pa.array([_CONTROLLERS.get(each) for each in table.controller[own].tolist()], TEXT)
+    arrays["controller"] = pa.array([_CONTROLLERS.get(mode) for mode in table.controller[own].tolist()], TEXT)
     among = range(int(steps.step[begin - lead]), int(steps.step[-1]) + 1) if len(steps) else range(0)
     states = {(step, t.agent): t.state.name.lower() for step in among for t in run.takeovers.get(step, ())}
     keys = zip(columns["step"].tolist(), columns["agent"].tolist(), strict=True)
@@ -139,7 +139,7 @@ _STATES = {
     "acceleration_mps2": "acceleration",
     "yaw_rate_radps": "yaw_rate",
 }
-_CONTROLLERS = {each.value: each.name.lower() for each in Controller}
+_CONTROLLERS = {controller.value: controller.name.lower() for controller in Controller}
 
 
 def _surroundings(tables: Steps) -> dict[str, np.ndarray]:

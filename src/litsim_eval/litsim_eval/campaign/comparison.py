@@ -53,9 +53,11 @@ class Pair:
     @property
     def newly_missed(self) -> tuple[CriterionResult, ...]:
         """Criteria that were met before and are not any more, of a case that was judged both times."""
-        met = {each.name for each in (self.before.criteria if self.before else ()) if each.passed}
+        met = {criterion.name for criterion in (self.before.criteria if self.before else ()) if criterion.passed}
         return tuple(
-            each for each in (self.after.criteria if self.after else ()) if not each.passed and each.name in met
+            criterion
+            for criterion in (self.after.criteria if self.after else ())
+            if not criterion.passed and criterion.name in met
         )
 
     @property
@@ -129,7 +131,7 @@ class CampaignComparison:
     @property
     def other_criteria(self) -> list[str]:
         """Names of the criteria of runs that only one of the campaigns has, or that have other fields or limits."""
-        before, after = ({each.title: each for each in one.criteria.runs} for one in (self.before, self.after))
+        before, after = ({run.title: run for run in one.criteria.runs} for one in (self.before, self.after))
         return [name for name in {**before, **after} if before.get(name) != after.get(name)]
 
     @property
@@ -150,13 +152,13 @@ class CampaignComparison:
             "vehicles": self.vehicles,
             **{verdict: [self._described(pair) for pair in self.those(verdict)] for verdict in changed},
             "worse": [
-                self._described(pair) | {"newly_missed": [each.name for each in pair.newly_missed]}
+                self._described(pair) | {"newly_missed": [criterion.name for criterion in pair.newly_missed]}
                 for pair in self.those("worse")
             ],
             "only_before": [case.name for case in self.only_before],
             "only_after": [case.name for case in self.only_after],
             "bootstrap": {"level": LEVEL, "resamples": RESAMPLES, "seed": SEED},
-            "measures": [asdict(each) for each in self.changes],
+            "measures": [asdict(change) for change in self.changes],
         }
 
     def _described(self, pair: Pair) -> dict[str, Any]:
@@ -177,8 +179,8 @@ def compare_campaigns(before: Campaign, after: Campaign) -> CampaignComparison:
     Raises:
         InputError: they have no case in common.
     """
-    cases_before, cases_after = ({case.key: case for case in each.cases} for each in (before, after))
-    first, second = ({result.case.key: result for result in each.results} for each in (before, after))
+    cases_before, cases_after = ({case.key: case for case in campaign.cases} for campaign in (before, after))
+    first, second = ({result.case.key: result for result in campaign.results} for campaign in (before, after))
     pairs = tuple(
         Pair(case, first.get(key), second.get(key)) for key, case in cases_after.items() if key in cases_before
     )

@@ -115,7 +115,7 @@ class Limits(BaseModel):
             if isinstance(value, str | bool):
                 return False
             return (self.min is None or value >= self.min) and (self.max is None or value <= self.max)
-        return any(_equal(value, each) for each in (self.one_of or (self.equals,)))
+        return any(_equal(value, expected) for expected in (self.one_of or (self.equals,)))
 
 
 def _check_kinds(criterion: Limits, field: MetricField) -> None:
@@ -267,7 +267,7 @@ class Criteria(BaseModel):
     @model_validator(mode="after")
     def _check_names(self) -> Criteria:
         for part in ("runs", "suite"):
-            names = [each.title for each in getattr(self, part)]
+            names = [criterion.title for criterion in getattr(self, part)]
             if twice := sorted({name for name in names if names.count(name) > 1}):
                 raise ValueError(f"{part}: {', '.join(twice)} more than once, expected different names")
         return self

@@ -235,7 +235,7 @@ class CampaignFolder:
 
     def _run_folders(self) -> list[Path]:
         """Returns the folders of runs in this folder."""
-        return [each for each in (self.path / RUNS_FOLDER).glob("*") if RUN_FOLDER.fullmatch(each.name)]
+        return [folder for folder in (self.path / RUNS_FOLDER).glob("*") if RUN_FOLDER.fullmatch(folder.name)]
 
 
 def _write(path: Path, values: Mapping[str, Any]) -> None:

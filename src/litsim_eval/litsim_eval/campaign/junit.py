@@ -38,7 +38,7 @@ def write_junit(campaign: Campaign, path: Path) -> None:
             _suite(variant, campaign, [_run(case, results.get(case.id), campaign.folder) for case in cases])
         )
     whole = f"campaign {campaign.name}"
-    document.add_testsuite(_suite(whole, campaign, [_criterion(each, whole) for each in campaign.judged]))
+    document.add_testsuite(_suite(whole, campaign, [_criterion(judged, whole) for judged in campaign.judged]))
     document.update_statistics()
     with replacing(path) as new:
         document.write(str(new))
@@ -60,7 +60,7 @@ def _run(case: Case, result: RunResult | None, campaign: Path) -> TestCase:
     if result is None:
         test.result = [_with_text(Error(NOT_RUN, TYPE_OF_GAP), NOT_RUN)]
     elif result.verdict == Verdict.FAILED:
-        faults = [each.reason for each in result.criteria if not each.passed]
+        faults = [criterion.reason for criterion in result.criteria if not criterion.passed]
         text = "\n".join([*faults, *_files(result), again])
         test.result = [_with_text(Failure(_clean(faults[0]), TYPE_OF_FAILURE), text)]
     elif result.verdict == Verdict.ERROR:

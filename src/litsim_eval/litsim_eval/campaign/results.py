@@ -59,7 +59,7 @@ class RunResult:
         if metrics["valid"] is not True:
             return cls.error(case, f"the run is not valid: {metrics['why']}", metrics=metrics, **files)
         judged = judge(metrics, criteria)
-        reason = "; ".join(each.reason for each in judged if not each.passed)
+        reason = "; ".join(result.reason for result in judged if not result.passed)
         verdict = Verdict.FAILED if reason else Verdict.PASSED
         return cls(case, verdict, reason, judged, metrics, **({"finished_at": now()} | files))
 
@@ -73,7 +73,7 @@ class RunResult:
         """Returns the result as values for JSON; the inverse of :meth:`from_json`, by the same criteria."""
         own = {name: getattr(self, name) for name in self.__dataclass_fields__}
         own |= {"case": self.case.to_json(), "verdict": self.verdict.value}
-        own |= {"criteria": [asdict(each) for each in self.criteria]}
+        own |= {"criteria": [asdict(criterion) for criterion in self.criteria]}
         return {"format": FORMAT, **own}
 
     @classmethod
@@ -153,7 +153,7 @@ class Campaign:
     @property
     def passes(self) -> bool:
         """Whether it meets every criterion of its suite."""
-        return all(each.passed for each in self.judged)
+        return all(result.passed for result in self.judged)
 
     @property
     def variants(self) -> dict[str, list[RunResult]]:
@@ -184,7 +184,7 @@ def read_campaign(path: Path) -> Campaign:
     file = path / CAMPAIGN_FILE
     values = _read(file)
     try:
-        cases = tuple(Case.from_json(each) for each in values["cases"])
+        cases = tuple(Case.from_json(case) for case in values["cases"])
         criteria = validate_yaml(values["criteria"], Criteria, f"{file}: criteria", "")
         return Campaign(
             folder=path,

@@ -53,9 +53,10 @@ def results_table(results: Sequence[RunResult]) -> pa.Table:
     A value is null if a run does not have the measure, or could not be measured.
     """
     columns = {
-        field.name: pa.array([_of_the_run(each)[field.name] for each in results], field.type) for field in OF_THE_RUN
+        field.name: pa.array([_of_the_run(result)[field.name] for result in results], field.type)
+        for field in OF_THE_RUN
     }
-    runs = [{name: counted(value) for name, value in leaves(each.metrics or {}).items()} for each in results]
+    runs = [{name: counted(value) for name, value in leaves(result.metrics or {}).items()} for result in results]
     of_any = dict.fromkeys(name for run in runs for name in run)
     for field in metric_fields():
         if str in field.kinds:

@@ -151,7 +151,7 @@ class EgoSetup(BaseModel):
             return self.command
         unset = [word for name in self.environment if "=" not in name for word in ("-u", name)]
         folder = ["-C", self.folder] if elsewhere else []
-        return ["env", *folder, *unset, *(each for each in self.environment if "=" in each), *self.command]
+        return ["env", *folder, *unset, *(variable for variable in self.environment if "=" in variable), *self.command]
 
     def check_command(self) -> None:
         """Checks that the program of the command is there, and the script that an interpreter is to run.
@@ -172,7 +172,8 @@ class EgoSetup(BaseModel):
         if not self.command:
             return self
         shell = [
-            each if "=" in each or each not in os.environ else f"{each}={os.environ[each]}" for each in self.environment
+            variable if "=" in variable or variable not in os.environ else f"{variable}={os.environ[variable]}"
+            for variable in self.environment
         ]
         return self.model_copy(update={"folder": str((folder / self.folder).resolve()), "environment": shell})
 
@@ -244,7 +245,7 @@ class Suite(BaseModel):
     def _check_names(self) -> Suite:
         for field in ("egos", "policies", "seeds"):
             own = EgoSetup | PolicySetup
-            names = [each.name if isinstance(each, own) else each for each in getattr(self, field)]
+            names = [entry.name if isinstance(entry, own) else entry for entry in getattr(self, field)]
             if twice := sorted({str(name) for name in names if names.count(name) > 1}):
                 raise ValueError(f"{field}: {', '.join(twice)} more than once, expected different ones")
         return self
@@ -298,13 +299,13 @@ def place_of(name: str | Path, setting: tuple[str, Any] | None) -> str:
         return str(name)
     suite, (parameter, value) = Suite.load(name), setting
     places: list[tuple[tuple[str | int, ...], Any]]
-    places = [(("parameters", parameter), each) for each in suite.parameters.get(parameter, [])]
+    places = [(("parameters", parameter), set_value) for set_value in suite.parameters.get(parameter, [])]
     for field, entries in (("policies", suite.policies), ("egos", suite.egos)):
-        setups = [(number, each) for number, each in enumerate(entries) if not isinstance(each, str)]
+        setups = [(number, entry) for number, entry in enumerate(entries) if not isinstance(entry, str)]
         places += [
-            ((field, number, "parameters", parameter), each.parameters.get(parameter)) for number, each in setups
+            ((field, number, "parameters", parameter), setup.parameters.get(parameter)) for number, setup in setups
         ]
-    place = next((place for place, each in places if each == value), None)
+    place = next((place for place, set_value in places if set_value == value), None)
     return place_in(_suite_file(name), *place) if place else str(name)
 
 

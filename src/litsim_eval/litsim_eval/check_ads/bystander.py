@@ -89,7 +89,7 @@ class Bystander:
     @property
     def endpoints(self) -> tuple[Endpoint, ...]:
         """Publishers and subscriptions of the stack found so far, sorted by topic."""
-        theirs = {each for each in self._endpoints.values() if each.node not in OURS}
+        theirs = {endpoint for endpoint in self._endpoints.values() if endpoint.node not in OURS}
         return tuple(sorted(theirs, key=lambda e: (e.topic, e.node, e.publishes)))
 
     @property
@@ -140,7 +140,7 @@ class Bystander:
 
     def _on_diagnostics(self, array: Any) -> None:
         for status in array.status:
-            values = {each.key: each.value for each in status.values}
+            values = {value.key: value.value for value in status.values}
             if status.name == BRIDGE_NAME:
                 self.state = values.get("state", "")
             elif status.name == PORT_NAME:
@@ -165,6 +165,6 @@ def _mismatch(topic: Topic, info: Any, *, publishes: bool) -> str:
     verdict, reason = qos_check_compatible(offered, requested)
     if verdict != QoSCompatibility.ERROR:
         return ""
-    words = (f"{each.reliability.name} {each.durability.name}" for each in (offered, requested))
+    words = (f"{profile.reliability.name} {profile.durability.name}" for profile in (offered, requested))
     sides = "offered {}, requested {}".format(*words)
     return f"{'publisher' if publishes else 'subscription'} does not match: {sides} ({reason.strip(' ;')})"

@@ -74,15 +74,15 @@ def judge(evidence: Evidence, limits: Limits) -> list[Clause]:
 def discovery(evidence: Evidence) -> Clause:
     """A publisher on a topic of the port is found in time."""
     name = "discovery"
-    reads = sorted({each.topic for each in evidence.endpoints if not each.publishes})
+    reads = sorted({endpoint.topic for endpoint in evidence.endpoints if not endpoint.publishes})
     if not evidence.discovered_s:
         hears = f"; it reads {', '.join(reads)}" if reads else ""
         topics = ", ".join(EGO_INPUTS.values())
         when = f"within {evidence.wait_s:g} s" if evidence.left is None else "before the stack left"
         return Clause(name, Verdict.FAIL, f"no publisher on {topics} {when}{hears}")
-    after = {EGO_INPUTS[each]: round(seconds, 2) for each, seconds in evidence.discovered_s.items()}
+    after = {EGO_INPUTS[interface]: round(seconds, 2) for interface, seconds in evidence.discovered_s.items()}
     text = ", ".join(f"{topic} after {seconds:.1f} s" for topic, seconds in after.items())
-    nodes = sorted({each.node for each in evidence.endpoints if each.publishes})
+    nodes = sorted({endpoint.node for endpoint in evidence.endpoints if endpoint.publishes})
     text += f", by {', '.join(nodes)}" if nodes else ""
     return Clause(name, Verdict.PASS, text, {"publishers_s": after, "nodes": nodes, "reads": reads})
 
@@ -93,12 +93,14 @@ def qos(evidence: Evidence) -> Clause:
     if not evidence.endpoints:
         return Clause(name, Verdict.OPEN, "nothing was found")
     mismatches: dict[str, str] = {}  # the first of each topic, an empty text for none
-    for each in sorted(evidence.endpoints, key=lambda e: e.topic):
-        mismatches[each.topic] = mismatches.get(each.topic) or each.problem
+    for endpoint in sorted(evidence.endpoints, key=lambda e: e.topic):
+        mismatches[endpoint.topic] = mismatches.get(endpoint.topic) or endpoint.problem
     wrong = {topic: text for topic, text in mismatches.items() if text}
     text = "; ".join(f"{topic}: {text}" for topic, text in wrong.items())
     matching = f"{len(mismatches)} topics match: {', '.join(mismatches)}"
-    return _judged(name, wrong, text or matching, {topic: each or "matches" for topic, each in mismatches.items()})
+    return _judged(
+        name, wrong, text or matching, {topic: mismatch or "matches" for topic, mismatch in mismatches.items()}
+    )
 
 
 def own_topics(evidence: Evidence) -> Clause:
@@ -121,7 +123,7 @@ def answers(evidence: Evidence) -> Clause:
     if not steps:
         return Clause(name, Verdict.OPEN, "no step was published")
     # A run does not go past a step without an answer, so the number of answered steps tells which are missing.
-    heard = {each.answer.step_answered for each in evidence.used} & set(steps)
+    heard = {answer.answer.step_answered for answer in evidence.used} & set(steps)
     missing = list(steps[max(len(heard), evidence.counts.get("answered", 0) + evidence.counts.get("invalid", 0)) :])
     repeats = sum(len(times) - 1 for times in evidence.published_ns.values())
     counts = {kind: evidence.counts.get(kind, 0) for kind in ("late", "stale", "future", "surplus", "refused")}
@@ -148,9 +150,9 @@ def answers(evidence: Evidence) -> Clause:
 def latencies(evidence: Evidence) -> tuple[list[int], FloatArray]:
     """Returns steps after step 0, and their latencies [ms] from the step's first publication to its first answer."""
     first: dict[int, int] = {}
-    for each in evidence.used:
-        if each.answer.step_answered is not None:
-            first.setdefault(each.step, each.received_ns)
+    for answer in evidence.used:
+        if answer.answer.step_answered is not None:
+            first.setdefault(answer.step, answer.received_ns)
     steps = sorted(step for step in first.keys() & evidence.published_ns.keys() if step > 0)
     return steps, np.array([1e-6 * (first[step] - evidence.published_ns[step][0]) for step in steps], np.float64)
 
@@ -174,20 +176,20 @@ def frames(evidence: Evidence) -> Clause:
     name = "frames plausible"
     if not evidence.reachable or not evidence.used:
         return Clause(name, Verdict.OPEN, "no answers")
-    wrong = [each for each in evidence.used if not _frame_is_right(each.answer)]
-    good = [each for each in evidence.used if _frame_is_right(each.answer) and not problem(each.answer)]
-    away = [(each, offset) for each in good if (offset := _offset(each, evidence)) is not None]
-    stray = [(each, share) for each in good if (share := _stray(each.answer, evidence)) is not None]
+    wrong = [answer for answer in evidence.used if not _frame_is_right(answer.answer)]
+    good = [answer for answer in evidence.used if _frame_is_right(answer.answer) and not problem(answer.answer)]
+    away = [(answer, offset) for answer in good if (offset := _offset(answer, evidence)) is not None]
+    stray = [(answer, share) for answer in good if (share := _stray(answer.answer, evidence)) is not None]
     faults = []
     if wrong:
         faults.append(_first(wrong, f"{len(wrong)} with another frame", problem(wrong[0].answer)))
-    if far := [(each, offset) for each, offset in away if offset > OFFSET_MAX]:
+    if far := [(answer, offset) for answer, offset in away if offset > OFFSET_MAX]:
         words = f"{far[0][1]:.1f} m away, expected at most {OFFSET_MAX:g} m"
-        faults.append(_first([each for each, _ in far], f"{len(far)} do not begin at the ego", words))
-    if lost := [(each, share) for each, share in stray if share > STRAY]:
+        faults.append(_first([answer for answer, _ in far], f"{len(far)} do not begin at the ego", words))
+    if lost := [(answer, share) for answer, share in stray if share > STRAY]:
         words = f"{lost[0][1]:.0%} of its headings more than 60 degrees off the lane's"
-        faults.append(_first([each for each, _ in lost], f"{len(lost)} deviate from the road's direction", words))
-    used = sorted({shown(each.answer.frame) for each in evidence.used})[:FRAMES_MAX]
+        faults.append(_first([answer for answer, _ in lost], f"{len(lost)} deviate from the road's direction", words))
+    used = sorted({shown(answer.answer.frame) for answer in evidence.used})[:FRAMES_MAX]
     text = f"frame {', '.join(used)}"
     if away:
         text += f"; begins at most {max(offset for _, offset in away):.2f} m from the ego"
@@ -209,22 +211,22 @@ def values(evidence: Evidence, limit: float) -> Clause:
         return Clause(name, Verdict.OPEN, "no answers")
     wrong: list[tuple[Heard, str]] = []
     clipped, judged = 0, 0
-    for each in evidence.used:
-        answer, ego = _in_frame(each.answer), evidence.driven(each.step)
+    for heard in evidence.used:
+        answer, ego = _in_frame(heard.answer), evidence.driven(heard.step)
         if fault := problem(answer):
-            wrong.append((each, fault))
+            wrong.append((heard, fault))
         elif ego is not None and answer.target is not None:
             judged += 1
             clipped += is_clipped(answer.target, ego, evidence.vehicle)
-            offset = _offset(each, evidence)
+            offset = _offset(heard, evidence)
             if isinstance(answer.target, Trajectory) and (offset is None or offset <= OFFSET_MAX):
                 fault = Reference(answer.target, ego).problem(ego, evidence.vehicle)
-                wrong += [(each, fault)] if fault else []
+                wrong += [(heard, fault)] if fault else []
     share = clipped / judged if judged else 0.0
     text = f"{share:.1%} of {judged} answers beyond the vehicle's limits"
     faults = []
     if wrong:
-        faults.append(_first([each for each, _ in wrong], f"{len(wrong)} cannot be used", wrong[0][1]))
+        faults.append(_first([heard for heard, _ in wrong], f"{len(wrong)} cannot be used", wrong[0][1]))
     if share > limit:
         faults.append(f"{text}, expected at most {limit:.1%}")
     figures = {"invalid": len(wrong), "clipped": clipped, "judged": judged, "clipped_share": share}

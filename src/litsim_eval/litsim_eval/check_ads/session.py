@@ -192,7 +192,7 @@ def _watch_end(check: Check, bystander: Bystander, stack: Child | None, left: in
             break
     if silent and not bystander.present and bystander.state in (FAILED, ""):
         left = max(bystander.published_ns, default=0)
-    after = [each.received_ns for each in bystander.heard if each.received_ns > began_ns]
+    after = [answer.received_ns for answer in bystander.heard if answer.received_ns > began_ns]
     last_s = 1e-9 * (after[-1] - began_ns) if after else None
     gone = stack is not None and not stack.running
     return (

@@ -119,12 +119,12 @@ class Evidence:
     @property
     def used(self) -> list[Heard]:
         """The answers over the interface in use, or over all interfaces if no answer has reached the bridge."""
-        return [each for each in self.heard if self.interface in (None, each.answer.interface)]
+        return [answer for answer in self.heard if self.interface in (None, answer.answer.interface)]
 
     @property
     def reachable(self) -> bool:
         """Whether a publisher of the stack matches the bridge."""
-        return any(each.publishes and not each.problem for each in self.endpoints)
+        return any(endpoint.publishes and not endpoint.problem for endpoint in self.endpoints)
 
 
 def summarised(remarks: Iterable[str]) -> tuple[str, ...]:

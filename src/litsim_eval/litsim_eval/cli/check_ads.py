@@ -117,7 +117,9 @@ def check_ads(arguments: argparse.Namespace, console: Console) -> int:
             "passed": passed,
             "scenario": scenario.name,
             "steps": scenario.total_steps,
-            "clauses": {each.name: {"verdict": each.verdict, "why": each.text, **each.figures} for each in clauses},
+            "clauses": {
+                judged.name: {"verdict": judged.verdict, "why": judged.text, **judged.figures} for judged in clauses
+            },
             "remarks": evidence.remarks,
         }
         with replacing(arguments.json) as new:

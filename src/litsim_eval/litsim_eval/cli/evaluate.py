@@ -136,7 +136,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
 
 def _judged(results: Mapping[str, RunResult]) -> dict[str, RunResult]:
     """Returns the `results` without those that are errors."""
-    return {each: result for each, result in results.items() if result.verdict != Verdict.ERROR}
+    return {variant: result for variant, result in results.items() if result.verdict != Verdict.ERROR}
 
 
 def _counted(results: Collection[RunResult]) -> str:
@@ -170,7 +170,9 @@ def _print(campaign: Campaign, *, everything: bool, intervals: bool) -> None:
 def _worst_first(results: Sequence[RunResult]) -> list[RunResult]:
     """Returns the runs that have not passed: errors, then by the first criterion that they miss, as contacts."""
     bad = [result for result in results if result.verdict != Verdict.PASSED]
-    return sorted(bad, key=lambda result: next((n for n, each in enumerate(result.criteria) if not each.passed), -1))
+    return sorted(
+        bad, key=lambda result: next((n for n, criterion in enumerate(result.criteria) if not criterion.passed), -1)
+    )
 
 
 class ExamplesFormatter(DefaultsFormatter):

@@ -84,7 +84,7 @@ def search(arguments: argparse.Namespace) -> int:
     Raises:
         InputError: an argument or a file cannot be used; raised before the first run.
     """
-    known = {name for each in PARAMETERS for name in (each.name, each.kind)}
+    known = {name for parameter in PARAMETERS for name in (parameter.name, parameter.kind)}
     if unknown := [name for name in arguments.change if name not in known]:
         raise InputError(f"--change {not_among(unknown, sorted(known))}")
     people = People.of(arguments.people) if arguments.people else People.load()
@@ -131,7 +131,7 @@ def _searched(arguments: argparse.Namespace, making: Search) -> int:
             raise
     write_junit(margins, arguments.at_least, arguments.out / JUNIT_FILE)
     _print(margins, arguments.out)
-    short = {each.name: each.short_of(arguments.at_least) for each in margins.scenarios}
+    short = {scenario.name: scenario.short_of(arguments.at_least) for scenario in margins.scenarios}
     for name, text in short.items():
         if text:
             print(f"failed  {name}: {text}", file=sys.stderr)
@@ -144,14 +144,22 @@ def _print(margins: Margins, out: Path) -> None:
     table.add_column("scenario", overflow="fold", min_width=30)
     for name in ("margin", "runs", "failed", "forced", "errors", "drawn: rate, 95 %"):
         table.add_column(name, justify="right", no_wrap=True)
-    for each in margins.scenarios:
-        margin = "-" if each.margin is None else f"{each.margin:.2f}"
-        rate = "-" if each.rate is None else f"{100.0 * each.rate[0]:.1f} to {100.0 * each.rate[1]:.1f} %"
-        table.add_row(each.name, margin, str(each.runs), str(each.failed), str(each.forced), str(each.errors), rate)
+    for scenario in margins.scenarios:
+        margin = "-" if scenario.margin is None else f"{scenario.margin:.2f}"
+        rate = "-" if scenario.rate is None else f"{100.0 * scenario.rate[0]:.1f} to {100.0 * scenario.rate[1]:.1f} %"
+        table.add_row(
+            scenario.name,
+            margin,
+            str(scenario.runs),
+            str(scenario.failed),
+            str(scenario.forced),
+            str(scenario.errors),
+            rate,
+        )
     console = Console(width=None if sys.stdout.isatty() else WIDTH)
     console.print(table)
-    for each in margins.scenarios:
-        for line in told(each.failures[0]) if each.failures else each.none_up_to(margins.bound):
+    for scenario in margins.scenarios:
+        for line in told(scenario.failures[0]) if scenario.failures else scenario.none_up_to(margins.bound):
             console.print(line, markup=False, highlight=False, soft_wrap=True)
     failures = f"; failures: {out / FAILURES_FILE}" if (out / FAILURES_FILE).is_file() else ""
     print(f"margins in standard deviations of what people did; -: no failure that counts up to {margins.bound:g} each")
@@ -163,11 +171,13 @@ def _print_parameters(people: People) -> None:
     table = Table(box=None, pad_edge=False, title=f"what people did: {people.source}", title_justify="left")
     for name in ("parameter", "unit", "bounds", "at 1", "at 2", "at 3", "moments", "what it is"):
         table.add_column(name, no_wrap=name != "what it is")
-    for each in PARAMETERS:
-        habit = people.habit(each)
+    for parameter in PARAMETERS:
+        habit = people.habit(parameter)
         at = [f"{habit.value(distance):.2f}" for distance in (1.0, 2.0, 3.0)]
         moments = str(habit.moments) if habit.moments else "declared"
-        table.add_row(each.name, each.unit, f"{each.low:g} to {each.high:g}", *at, moments, each.about)
+        table.add_row(
+            parameter.name, parameter.unit, f"{parameter.low:g} to {parameter.high:g}", *at, moments, parameter.about
+        )
     Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
     rare = ", ".join(f"{act} {rate.distance(LOOK_S):.2f}" for act, rate in people.rates.items())
     print(f"distance of that an agent does it at all within {LOOK_S:g} s: {rare}")

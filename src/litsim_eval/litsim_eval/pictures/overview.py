@@ -93,8 +93,8 @@ def _intersection(
     """Draws the intersection and its signals; returns axes for the ego's speed and for the agents off their logs."""
     area = Area.around(np.concatenate([_ego_track(run, run.steps)[:, 1:3], crossings]))
     signals = run.signals
-    passed = [each for each in run.once(run_passages) or [] if each.agent == run.info.ego_id]
-    names = [each.group for each in passed]
+    passed = [passage for passage in run.once(run_passages) or [] if passage.agent == run.info.ego_id]
+    names = [passage.group for passage in passed]
     known = [] if signals is None else groups_in(signals, area, names)
     groups = known[: max(GROUPS_MAX, len(set(names)))]
     rows = (3.0, 0.55 + 0.16 * len(groups)) if groups else (3.0, 0.01)
@@ -104,9 +104,9 @@ def _intersection(
     if signals is not None and groups:
         axes = left.add_subplot(grid[1])
         draw_signals(axes, signals, groups, run.tables[-1].step)
-        for each in passed:
-            row = groups.index(signals.groups.index(each.group))
-            axes.plot(each.step * run.info.dt, row, "D", color=COLOURS[Controller.EGO], mec="white", ms=9, zorder=5)
+        for passage in passed:
+            row = groups.index(signals.groups.index(passage.group))
+            axes.plot(passage.step * run.info.dt, row, "D", color=COLOURS[Controller.EGO], mec="white", ms=9, zorder=5)
         title = f"{len(groups)} of {len(known)} signals" if len(groups) < len(known) else "Signals"
         title += "; the diamond is the ego at the stop line" if passed else ""
         axes.axvline(moment.step * run.info.dt, color=INK, lw=0.9, ls=":")

@@ -73,14 +73,14 @@ def _both(comparison: CampaignComparison, pair: Pair) -> list[str]:
     for verb, (campaign, result) in zip(("was", "is"), both, strict=True):
         lines.append(f"  {verb} {result.verdict.value if result else NOT_RUN}")
         if result is not None:
-            failed = [each.reason for each in result.criteria if not each.passed]
+            failed = [criterion.reason for criterion in result.criteria if not criterion.passed]
             lines += [f"    {line}" for line in (*(failed or [result.reason]), report_of(campaign, result)) if line]
     return lines
 
 
 def _worse(after: Campaign, pair: Pair) -> list[str]:
     """Returns the name of a case that failed before, the criteria that it now misses as well, and its report."""
-    missed = [each.reason for each in pair.newly_missed]
+    missed = [criterion.reason for criterion in pair.newly_missed]
     lines = missed or [f"is error: {pair.after.reason}" if pair.after else ""]
     return [pair.case.name, *(f"  {line}" for line in (*lines, report_of(after, pair.after)) if line is not None)]
 

@@ -51,12 +51,12 @@ def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]],
                 "tags": [tags.index(tag) for tag in result.case.tags],
                 "criteria": [
                     {
-                        "criterion": criteria.index((each.name, each.field, each.limit)),
-                        "value": each.value,
-                        "passed": each.passed,
-                        "reason": each.reason,
+                        "criterion": criteria.index((criterion.name, criterion.field, criterion.limit)),
+                        "value": criterion.value,
+                        "passed": criterion.passed,
+                        "reason": criterion.reason,
                     }
-                    for each in result.criteria
+                    for criterion in result.criteria
                 ],
                 **_links(result, campaign.folder, beside),
                 **_happenings(result.metrics),
@@ -70,8 +70,12 @@ def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]],
 
 def criteria_of(campaign: Campaign) -> list[tuple[str, str, str]]:
     """Returns name, field and limit of the criteria of the campaign, and of all others that a result was judged by."""
-    own = [(each.title, each.field, each.limit) for each in campaign.criteria.runs]
-    judged = [(each.name, each.field, each.limit) for result in campaign.results for each in result.criteria]
+    own = [(run.title, run.field, run.limit) for run in campaign.criteria.runs]
+    judged = [
+        (criterion.name, criterion.field, criterion.limit)
+        for result in campaign.results
+        for criterion in result.criteria
+    ]
     return list(dict.fromkeys((*own, *judged)))
 
 
@@ -84,8 +88,8 @@ def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
     """
     runs = [_numbers(result) for result in campaign.results]
     known = dict.fromkeys(path for run in runs for path in run)
-    judged = dict.fromkeys(each.field for each in campaign.criteria.runs)
-    in_tables = (each.name for table in FIRST for each in measures() if any(row.table == table for row in each.rows))
+    judged = dict.fromkeys(criterion.field for criterion in campaign.criteria.runs)
+    in_tables = (shown.name for table in FIRST for shown in measures() if any(row.table == table for row in shown.rows))
     first = dict.fromkeys((*judged, *in_tables))
     main = [path for path in first if len({run.get(path) for run in runs} - {None}) > 1][:SHOWN]
     titled = [path for path, measure in measures_by_field().items() if measure.title and path in known]
@@ -95,9 +99,9 @@ def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
             **_named(path),
             "limits": [
                 bound
-                for each in campaign.criteria.runs
-                for bound in (each.min, each.max)
-                if each.field == path and bound is not None
+                for criterion in campaign.criteria.runs
+                for bound in (criterion.min, criterion.max)
+                if criterion.field == path and bound is not None
             ],
             "main": path in main,
             "values": [run.get(path) for run in runs],
@@ -165,9 +169,9 @@ def _happenings(metrics: Mapping[str, Any] | None) -> dict[str, Any]:
     """Returns begin and end of each takeover, and the steps with contacts that are not in the log, of all `steps`."""
     if metrics is None:
         return {"steps": 0, "takeovers": [], "contacts": []}
-    begins = ((each["detected_step"], each["held_s"]) for each in metrics["ledger"])
+    begins = ((entry["detected_step"], entry["held_s"]) for entry in metrics["ledger"])
     return {
         "steps": metrics["steps"],
         "takeovers": [[begin, begin + round(held_s / STEP_S)] for begin, held_s in begins],
-        "contacts": [each["step"] for each in metrics["collision"]["contacts"] if not each["in_log"]],
+        "contacts": [contact["step"] for contact in metrics["collision"]["contacts"] if not contact["in_log"]],
     }

@@ -45,15 +45,15 @@ def contact_table(metrics: dict[str, Any], dt: float, ego: int) -> EventTable:
         dt: length of a step [s].
         ego: id of the ego, whose contacts have a verdict.
     """
-    verdicts = {(each["agent"], each["step"]): each for each in metrics["collision"]["ego_contacts"]}
-    fault = {(each["agent"], each["step"]): each for each in metrics["fault"]["contacts"]}
+    verdicts = {(contact["agent"], contact["step"]): contact for contact in metrics["collision"]["ego_contacts"]}
+    fault = {(contact["agent"], contact["step"]): contact for contact in metrics["fault"]["contacts"]}
     rows = []
-    for each in metrics["collision"]["contacts"]:
-        pair, step = each["pair"], each["step"]
+    for contact in metrics["collision"]["contacts"]:
+        pair, step = contact["pair"], contact["step"]
         agent = pair[1] if pair[0] == ego else pair[0]
         verdict = verdicts.get((agent, step)) if ego in pair else None
         cells = (
-            *(_who(pair[0], ego), _who(pair[1], ego), f"{step * dt:.1f} s", "yes" if each["in_log"] else "no"),
+            *(_who(pair[0], ego), _who(pair[1], ego), f"{step * dt:.1f} s", "yes" if contact["in_log"] else "no"),
             _verdict(verdict, fault[agent, step]) if verdict else NOTHING,
             number(verdict["delta_v_mps"], 1, "m/s") if verdict else NOTHING,
         )

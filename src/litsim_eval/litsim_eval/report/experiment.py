@@ -48,8 +48,8 @@ def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: 
 def _pictures(campaign: Campaign, quiet: bool) -> dict[str, dict[str, Any]]:
     """Returns pictures of runs by id, made when they ended or else from their recordings, if available."""
     folders = {result.case.id: campaign.folder / RUNS_FOLDER / result.case.id for result in campaign.results}
-    recorded = [each for each in campaign.results if each.recording is not None and each.metrics is not None]
-    lacking = [each for each in recorded if read_thumbnail(folders[each.case.id]) is None]
+    recorded = [shown for shown in campaign.results if shown.recording is not None and shown.metrics is not None]
+    lacking = [shown for shown in recorded if read_thumbnail(folders[shown.case.id]) is None]
     for result in tqdm(lacking, unit="picture", disable=quiet or not lacking, dynamic_ncols=True):
         own = folders[result.case.id]
         with suppress(InputError):  # a recording that was lost or moved since: the page lacks its picture
@@ -68,13 +68,13 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         subtitle=_subtitle(campaign),
         judged=[
             {
-                "name": each.name,
-                "rule": _rule(each.name, each.field, each.limit),
-                "value": leaf(each.value),
-                "passed": each.passed,
-                "reason": each.reason,
+                "name": result.name,
+                "rule": _rule(result.name, result.field, result.limit),
+                "value": leaf(result.value),
+                "passed": result.passed,
+                "reason": result.reason,
             }
-            for each in campaign.judged
+            for result in campaign.judged
         ],
         passed=campaign.passes,
         missing=len(campaign.missing),
@@ -123,7 +123,7 @@ def _drawn(case: DrawnCase) -> dict[str, str]:
 
 def _verdicts(name: str, results: list[RunResult]) -> dict[str, Any]:
     """Returns how many runs of a variant passed, failed and could not be judged, and the share of all that passed."""
-    counts = Counter(each.verdict for each in results)
+    counts = Counter(result.verdict for result in results)
     parts = [
         {"verdict": verdict.value, "count": counts[verdict], "filter": _filter(variant=name, verdict=verdict.value)}
         for verdict in Verdict
@@ -149,10 +149,10 @@ def _criteria(campaign: Campaign, by_variant: dict[str, list[RunResult]]) -> lis
     for name, field, limit in criteria_of(campaign):
         passed = {
             variant: [
-                each.passed
+                criterion.passed
                 for result in results
-                for each in result.criteria
-                if (each.name, each.field, each.limit) == (name, field, limit)
+                for criterion in result.criteria
+                if (criterion.name, criterion.field, criterion.limit) == (name, field, limit)
             ]
             for variant, results in by_variant.items()
         }
@@ -180,8 +180,8 @@ def _tags(by_variant: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
 def _row(name: str, rule: str, passed: dict[str, list[bool]], **filters: str) -> dict[str, Any]:
     """Returns how many runs of each variant missed something, whether `passed` by variant, and filters to show them."""
     cells = [
-        {"count": each.count(False), "total": len(each), "filter": _filter(variant=variant, **filters)}
-        for variant, each in passed.items()
+        {"count": passes.count(False), "total": len(passes), "filter": _filter(variant=variant, **filters)}
+        for variant, passes in passed.items()
     ]
     return {"name": name, "rule": rule, "any": any(cell["count"] for cell in cells), "cells": cells}
 

@@ -87,8 +87,8 @@ def _messages(run: Run) -> Iterator[Any]:
     reader, steps = BagReader(run.path), set()
     if FORECASTS not in reader.topics:
         return
-    for each in reader.messages({FORECASTS}):
-        message = decoded(reader.topics[FORECASTS], each.data)
+    for recorded in reader.messages({FORECASTS}):
+        message = decoded(reader.topics[FORECASTS], recorded.data)
         if message.run_id == run.info.run_id and message.step not in steps:
             steps.add(message.step)
             yield message

@@ -29,18 +29,18 @@ def write_margins_page(margins: Mapping[str, Any], tried: Sequence[Sequence[Mapp
     """
     bound = float(margins["bound"])
     scenarios = [
-        each
-        | {"text": _margin(each, bound), "share": 100.0 * min(1.0, (each["margin"] or 0.0) / bound)}
-        | {"rate_text": _rate(each), "map": _map(rows, bound, each["margin"])}
-        for each, rows in zip(margins["scenarios"], tried, strict=True)
+        scenario
+        | {"text": _margin(scenario, bound), "share": 100.0 * min(1.0, (scenario["margin"] or 0.0) / bound)}
+        | {"rate_text": _rate(scenario), "map": _map(rows, bound, scenario["margin"])}
+        for scenario, rows in zip(margins["scenarios"], tried, strict=True)
     ]
     page = render_page(
         "margins.html.j2",
         title=f"Margins of {margins['ego']}",
         margins=margins,
         scenarios=scenarios,
-        runs=sum(each["runs"] for each in scenarios),
-        failing=sum(each["margin"] is not None for each in scenarios),
+        runs=sum(scenario["runs"] for scenario in scenarios),
+        failing=sum(scenario["margin"] is not None for scenario in scenarios),
         width=WIDTH,
         row=ROW,
         left=LEFT,

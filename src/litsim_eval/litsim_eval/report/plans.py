@@ -72,7 +72,7 @@ def read_plans(run: Run) -> Plans:
     if not plans:
         return NO_PLANS
     steps, points, stops = zip(*plans, strict=True)
-    ends = np.cumsum([len(each) for each in points])
+    ends = np.cumsum([len(point) for point in points])
     return Plans(topic, np.array(steps, np.int64), ends, np.concatenate(points), np.array(stops, np.int64))
 
 

@@ -54,7 +54,7 @@ class RecordedAnalysis:
         status, verdict = run_status(metrics, out), ""
         if self._criteria is not None and not status:
             criteria = judge(metrics, self._criteria)
-            missed = [each.reason for each in criteria if not each.passed]
+            missed = [criterion.reason for criterion in criteria if not criterion.passed]
             status = EXIT_FAILED if missed else 0
             said = Verdict.FAILED if missed else Verdict.PASSED
             verdict = verdict_text(said.value, "; ".join(missed), criteria)

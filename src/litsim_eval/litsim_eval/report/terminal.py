@@ -49,16 +49,16 @@ def print_ledger(metrics: dict[str, Any], console: Console | None = None) -> Non
 
 
 def _contact_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    fault = {(each["agent"], each["step"]): each for each in metrics["fault"]["contacts"]}
-    for each in metrics["collision"]["ego_contacts"]:
-        agent, step = each["agent"], each["step"]
+    fault = {(contact["agent"], contact["step"]): contact for contact in metrics["fault"]["contacts"]}
+    for contact in metrics["collision"]["ego_contacts"]:
+        agent, step = contact["agent"], contact["step"]
         why = fault[agent, step]
         yield (
             str(agent),
             _time(step),
-            each["verdict"].replace("_", " "),
-            _plain(each["delta_v_mps"]),
-            "none: in the log" if each["in_log"] else "the ego" if why["of_ego"] else "not the ego",
+            contact["verdict"].replace("_", " "),
+            _plain(contact["delta_v_mps"]),
+            "none: in the log" if contact["in_log"] else "the ego" if why["of_ego"] else "not the ego",
             cause_text(why),
             _careful(why["other_avoids"]),
         )
@@ -72,21 +72,21 @@ def _careful(avoids: bool | None) -> str:
 
 
 def _ledger_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    for each in metrics["ledger"]:
-        replay = "false alarm" if each["false_alarm"] else "no contact"
-        if each["replay_would_collide"]:
-            replay = f"hits {each['replay_opponent']} at {_time(each['replay_step'])}"
+    for entry in metrics["ledger"]:
+        replay = "false alarm" if entry["false_alarm"] else "no contact"
+        if entry["replay_would_collide"]:
+            replay = f"hits {entry['replay_opponent']} at {_time(entry['replay_step'])}"
         yield (
-            str(each["agent"]),
-            each["reason"].replace("_", " "),
-            str(each["opponent"]),
-            _time(each["detected_step"]),
-            NOTHING if each["time_to_conflict_s"] is None else f"{each['time_to_conflict_s']:.1f}",
-            _plain(each["overlap_probability"]),
+            str(entry["agent"]),
+            entry["reason"].replace("_", " "),
+            str(entry["opponent"]),
+            _time(entry["detected_step"]),
+            NOTHING if entry["time_to_conflict_s"] is None else f"{entry['time_to_conflict_s']:.1f}",
+            _plain(entry["overlap_probability"]),
             replay,
-            f"{each['held_s']:.1f}",
-            "own intent" if each["outcome"] == Outcome.OWN_INTENT else _time(each["released_step"]),
-            _plain(each["residual_m"]),
+            f"{entry['held_s']:.1f}",
+            "own intent" if entry["outcome"] == Outcome.OWN_INTENT else _time(entry["released_step"]),
+            _plain(entry["residual_m"]),
         )
 
 
@@ -99,7 +99,7 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     end = RunEnd.of_plain(metrics["ended"])
     yield "ended", NOTHING if end is None else f"at {metrics['ended']['time_s']:.1f} s: {end.sentence}"
     yield from measured(metrics)
-    yield from (("standoff", standoff_text(each)) for each in metrics.get("standoffs", []))
+    yield from (("standoff", standoff_text(standoff)) for standoff in metrics.get("standoffs", []))
     if slow := pace_text(metrics):
         yield "pace", slow
     yield "lock-step", lockstep_text(metrics["lockstep"])

@@ -45,7 +45,7 @@ def thumbnail_of(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
         "format": FORMAT,
         "step": moment.step,
         "what": moment.what,
-        "size": [round(each / UNIT_M) for each in (AHEAD_M, BESIDE_M)],
+        "size": [round(extent / UNIT_M) for extent in (AHEAD_M, BESIDE_M)],
     }
     row = _focus(tracks, run.info.ego_id, moment.agents, frame)
     if row < 0:
@@ -94,7 +94,7 @@ def _moment(run: Run, metrics: dict[str, Any]) -> _Moment:
     """Returns the first contact that is not in the log, the ego's if any, else a takeover or the ego's shortest TTC."""
     ego, last = run.info.ego_id, run.tables[-1].step
     touching = [(c["step"], tuple(c["pair"])) for c in metrics["collision"]["contacts"] if not c["in_log"]]
-    for step, pair in sorted(touching, key=lambda each: (ego not in each[1], each[0])):
+    for step, pair in sorted(touching, key=lambda contact: (ego not in contact[1], contact[0])):
         return _Moment(step, f"agents {pair[0]} and {pair[1]} touch", pair, contact=True)
     for entry in metrics["ledger"]:
         step = min(entry["detected_step"] + AFTER_DETECTION, last)

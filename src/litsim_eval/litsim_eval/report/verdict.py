@@ -30,7 +30,7 @@ def verdict_text(
     values = {
         "verdict": verdict,
         "reason": reason,
-        "criteria": [asdict(each) for each in criteria],
+        "criteria": [asdict(criterion) for criterion in criteria],
         "campaign": campaign,
         "rerun": rerun,
     }

@@ -31,7 +31,7 @@ def measured(metrics: Metrics) -> Iterator[tuple[str, str]]:
     Several values of one measure are behind each other, and so are their keys in the title.
     """
     values = leaves(metrics)
-    for measure in (each for each in measures() if each.title):
+    for measure in (shown for shown in measures() if shown.title):
         keys = [key for key in measure.keys or ("",) if values.get(measure.path(key)) is not None]
         texts = [_value_text(measure, values[measure.path(key)]) for key in keys]
         if texts:
@@ -52,16 +52,16 @@ def branches(value: Any) -> list[tuple[str, Any]]:
         (name, value) of a dict, (index, value) of a list that holds dicts or lists; [] for all that :func:`leaf` shows.
     """
     if isinstance(value, dict):
-        return [(str(name), each) for name, each in value.items()]
-    if isinstance(value, list) and any(isinstance(each, dict | list) for each in value):
-        return [(str(index), each) for index, each in enumerate(value)]
+        return [(str(name), item) for name, item in value.items()]
+    if isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
+        return [(str(index), item) for index, item in enumerate(value)]
     return []
 
 
 def is_nested(value: Any) -> bool:
     """Returns whether `value` has at least two levels below it: a dict or list that holds a dict or list."""
     inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return any(isinstance(each, dict | list) for each in inside)
+    return any(isinstance(item, dict | list) for item in inside)
 
 
 def lockstep_text(lockstep: Mapping[str, Any]) -> str:
@@ -83,4 +83,4 @@ def leaf(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.4g}"
-    return ", ".join(leaf(each) for each in value) if isinstance(value, list) else str(value)
+    return ", ".join(leaf(item) for item in value) if isinstance(value, list) else str(value)

@@ -179,7 +179,7 @@ def conclude(folder: CampaignFolder) -> Campaign:
         campaign.results,
         name=campaign.name,
         verdict=str(Verdict.PASSED if campaign.passes else Verdict.FAILED),
-        suite=[asdict(each) for each in campaign.judged],
+        suite=[asdict(result) for result in campaign.judged],
         variants={variant: variant_summary(results) for variant, results in campaign.variants.items()},
         drawn=[asdict(case) for case in drawn_cases(campaign.results)],
     )

@@ -94,7 +94,7 @@ def check_cases(cases: Iterable[Case]) -> None:
     Raises:
         CaseRefused: see :func:`check_case`.
     """
-    for case in {(each.variant, each.execution_mode): each for each in cases}.values():
+    for case in {(alike.variant, alike.execution_mode): alike for alike in cases}.values():
         try:
             check_case(case)
         except InputError as error:

@@ -81,11 +81,11 @@ class DiffSummary:
         if not apart:
             return
         self.different += 1
-        self.first = self.first or next((each for each in apart if each.agent is not None), apart[0])
-        for each in apart:
-            if each.amount is not None and not each.field.startswith(LENGTH):
-                name = f"{topic} {each.field.split('[')[0]}"
-                self.largest[name] = max(each.amount, self.largest.get(name, 0.0))
+        self.first = self.first or next((difference for difference in apart if difference.agent is not None), apart[0])
+        for difference in apart:
+            if difference.amount is not None and not difference.field.startswith(LENGTH):
+                name = f"{topic} {difference.field.split('[')[0]}"
+                self.largest[name] = max(difference.amount, self.largest.get(name, 0.0))
 
 
 def differences(topic: str, step: int, recorded: Any, computed: Any) -> list[Difference]:

@@ -90,8 +90,8 @@ class Workers:
             outcomes = [str(error)]
         share = (time.monotonic() - begin) / len(cases)
         return [
-            RunOutcome(None, each, wall_s=share) if isinstance(each, str) else RunOutcome(each, wall_s=share)
-            for each in outcomes
+            RunOutcome(None, outcome, wall_s=share) if isinstance(outcome, str) else RunOutcome(outcome, wall_s=share)
+            for outcome in outcomes
         ]
 
     def _ask(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[MetricsOrReason]:

@@ -114,8 +114,10 @@ def explore(
     space = exploration.space  # by where all drove
     if tried[0].outcome != Outcome.PASSED or not space.parameters:
         return
-    can_act = [each for each in screened if each.act == NOTHING or each.agent in space.agents.get(each.act, ())]
-    proposer = _Proposer(exploration, runs, sampler, seed, [space.placed(each) for each in can_act])
+    can_act = [
+        placed for placed in screened if placed.act == NOTHING or placed.agent in space.agents.get(placed.act, ())
+    ]
+    proposer = _Proposer(exploration, runs, sampler, seed, [space.placed(placed) for placed in can_act])
     while len(tried) < runs and not expired():
         outcomes = yield proposer.batch(min(BATCH, runs - len(tried)))
         tried += outcomes

@@ -68,7 +68,7 @@ class AgentInputs:
 
     def take(self, rows: IntArray | BoolArray | slice) -> AgentInputs:
         """Returns the inputs of the agents in `rows`."""
-        return AgentInputs(*(getattr(self, each.name)[rows] for each in fields(AgentInputs)))
+        return AgentInputs(*(getattr(self, column.name)[rows] for column in fields(AgentInputs)))
 
 
 @dataclass

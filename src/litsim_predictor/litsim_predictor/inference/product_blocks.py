@@ -46,7 +46,7 @@ def _adds_block(rows: int, registers: int) -> Any:
         )
         kind = ir.FunctionType(_LANES, [_LANES] * 3)
         fused = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{LANES}f32")  # a b + c
-        (_, inner), (_, columns) = (cgutils.unpack_tuple(builder, each.shape) for each in (values, out))
+        (_, inner), (_, columns) = (cgutils.unpack_tuple(builder, matrix.shape) for matrix in (values, out))
         down = [builder.add(given[3], ir.Constant(_INDEX, row)) for row in range(rows)]
         along = [builder.add(given[4], ir.Constant(_INDEX, LANES * register)) for register in range(registers)]
 
@@ -62,8 +62,8 @@ def _adds_block(rows: int, registers: int) -> Any:
                 value = builder.load(place(values, row, inner, loop.index, _FLOAT))
                 first = builder.insert_element(ir.Constant(_LANES, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
                 everywhere = builder.shuffle_vector(first, first, _EVERY_LANE)
-                for total, each in zip(of_row, weights, strict=True):
-                    builder.store(builder.call(fused, [everywhere, each, builder.load(total)]), total)
+                for total, factor in zip(of_row, weights, strict=True):
+                    builder.store(builder.call(fused, [everywhere, factor, builder.load(total)]), total)
         for at_row, of_row in zip(places, sums, strict=True):
             for at, total in zip(at_row, of_row, strict=True):
                 builder.store(builder.load(total), at, align=4)

@@ -193,7 +193,7 @@ def run(
 def _counted(scenarios: tuple[Scenario, ...]) -> tuple[list[Scenario], list[float]]:
     """Each of `scenarios` once, and how often it occurs."""
     once = {id(scenario): scenario for scenario in scenarios}
-    return list(once.values()), [float(sum(id(each) == key for each in scenarios)) for key in once]
+    return list(once.values()), [float(sum(id(given) == key for given in scenarios)) for key in once]
 
 
 def parser() -> argparse.ArgumentParser:

@@ -178,4 +178,4 @@ DEVIATING = Experiment(
     own_egos=True,
     counts_alone=True,
 )
-EXPERIMENTS = {each.name: each for each in (TABLE, ABLATIONS, CHANGED, REGIONS, DEVIATING)}
+EXPERIMENTS = {experiment.name: experiment for experiment in (TABLE, ABLATIONS, CHANGED, REGIONS, DEVIATING)}

@@ -208,10 +208,10 @@ class DataState:
     @classmethod
     def of(cls, data: TrainingData) -> DataState:
         """The state of `data`."""
-        once = {id(each): ("training", each) for each in data.train}
-        once |= {id(each): ("validation", each) for each in data.validation}
-        scenarios = tuple(each for _, each in once.values())
-        return cls(scenarios, tuple(_described(part, each) for part, each in once.values()))
+        once = {id(scenario): ("training", scenario) for scenario in data.train}
+        once |= {id(scenario): ("validation", scenario) for scenario in data.validation}
+        scenarios = tuple(scenario for _, scenario in once.values())
+        return cls(scenarios, tuple(_described(part, scenario) for part, scenario in once.values()))
 
     def to_json(self) -> str:
         """The description, for a checkpoint."""
@@ -224,7 +224,7 @@ class DataState:
             InputError: a file or field of a scenario has changed, or there are other scenarios.
         """
         before, now = json.loads(then), json.loads(self.to_json())
-        expected, actual = ([f"{each['name']} ({each['part']})" for each in state] for state in (before, now))
+        expected, actual = ([f"{entry['name']} ({entry['part']})" for entry in state] for state in (before, now))
         if expected != actual:
             added = ", ".join(name for name in actual if name not in expected) or "none"
             missing = ", ".join(name for name in expected if name not in actual) or "none"

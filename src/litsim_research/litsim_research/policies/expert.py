@@ -116,7 +116,7 @@ def expert_pairs(
     Actions come from inverse dynamics: the commands with which the bicycle model would move as recorded. `real` names
     the scenarios in which people drove.
     """
-    return ExpertPairs.of(scenarios, lambda each: _of_scenario(each, observation, config, task, random), real)
+    return ExpertPairs.of(scenarios, lambda scenario: _of_scenario(scenario, observation, config, task, random), real)
 
 
 def _of_scenario(

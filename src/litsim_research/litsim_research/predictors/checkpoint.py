@@ -54,7 +54,7 @@ def save_weights(tensors: Mapping[str, torch.Tensor], metadata: dict[str, str], 
         Unwritable: it cannot be written; what was there is kept.
     """
     with replacing(path) as new:
-        new.write_bytes(save({name: each.detach().cpu().contiguous() for name, each in tensors.items()}, metadata))
+        new.write_bytes(save({name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}, metadata))
 
 
 def _brief(error: Exception) -> str:

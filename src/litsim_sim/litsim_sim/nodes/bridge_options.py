@@ -44,7 +44,7 @@ VehicleOptions: Any = configuration(
 )
 """The fields of :class:`litsim_sim.core.vehicle.VehicleModel`, each with the value that stands for the scenario's."""
 VehicleOptions.__doc__ = "Vehicle model of the ego; -1 is the scenario's.\n\nAttributes:\n" + "\n".join(
-    str(inspect.getdoc(each)).partition("Attributes:\n")[2] for each in (VehicleLimits, VehicleModel)
+    str(inspect.getdoc(model)).partition("Attributes:\n")[2] for model in (VehicleLimits, VehicleModel)
 )
 
 

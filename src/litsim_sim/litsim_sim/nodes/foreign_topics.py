@@ -39,8 +39,8 @@ class ForeignTopics:
             self._node.get_logger().warning(f"{name} is not recorded: {type_name} is not installed")
             return
         profiles = [info.qos_profile for info in self._node.get_publishers_info_by_topic(name)]
-        reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
-        latched = bool(profiles) and all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+        reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
+        latched = bool(profiles) and all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
         qos = QoSProfile(
             depth=QUEUE,
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,

@@ -264,7 +264,7 @@ class SimulationServices:
             name, area = re.compile(filters.filter), _area(filters.bounds)
         except (re.error, ValueError, OverflowError, RecursionError) as error:
             raise Refused(msg.Result.RESULT_OPERATION_FAILED, f"filters: {error}") from error
-        categories, tags = {each.category for each in filters.categories}, set(filters.tags.tags)
+        categories, tags = {category.category for category in filters.categories}, set(filters.tags.tags)
         every = filters.tags.filter_mode == filters.tags.FILTER_MODE_ALL
         table = self._table
         corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)

@@ -196,7 +196,7 @@ def logged_steps(parts: Iterable[Mapping[str, np.ndarray]], start_frame: int, wa
         """Builds the tables up to step `until`, for which the rows up to the next step are known."""
         nonlocal done
         agents, agent = np.unique(rows["vehicle_id"], return_inverse=True)
-        sizes = np.array([first[each] for each in agents.tolist()]).reshape(-1, 3)[agent]
+        sizes = np.array([first[number] for number in agents.tolist()]).reshape(-1, 3)[agent]
         columns = {name: rows[name] for name in ("x", "y", "speed", "acceleration")}
         columns |= dict(zip(("kind", "length", "width"), sizes.T, strict=True))
         columns |= {"id": rows["vehicle_id"], "controller": np.full(len(agent), LOG)}

@@ -23,7 +23,7 @@ class Perception:
 
     def of(self, table: AgentTable) -> AgentTable:
         """Returns what the ego is told of the agents of a step; of itself the truth."""
-        hidden = [each.agent for each in self._hidden if _is_hidden(each, table.step)]
+        hidden = [phase.agent for phase in self._hidden if _is_hidden(phase, table.step)]
         told = table.take(~np.isin(table.id, hidden)) if hidden else table
         if not self._sigma:
             return told

@@ -95,7 +95,7 @@ class Scenario:
             )
         end = self.start_frame + self.total_steps
         changed_frames = shifted_frames(recording, file.changes)
-        within = [(each >= self.start_frame) & (each <= end) for each in (frames, changed_frames)]
+        within = [(frame_range >= self.start_frame) & (frame_range <= end) for frame_range in (frames, changed_frames)]
         self.recording = recording.take(within[0] | within[1])
         changed = changed_recording(self.recording, file.changes, self.start_frame, self.history_steps)
         self.log = Log.from_recording(changed, self.start_frame, self.total_steps + 1)

@@ -35,24 +35,24 @@ TEXTS = {
 def _contacts(run: Run) -> list[dict[str, Any]]:
     return [
         {
-            "agent": each.own.agent,
-            "step": each.own.contact_step,
-            "in_log": each.in_log,
-            "of_ego": each.blame.of_ego,
-            "cause": each.blame.cause.value,
-            "by": each.blame.by.value,
-            "perceived_step": each.own.perceived_step,
-            "avoided": each.own.avoided,
-            "other_perceived_step": None if each.other is None else each.other.perceived_step,
-            "other_avoids": None if each.other is None else each.other.avoided,
+            "agent": verdict.own.agent,
+            "step": verdict.own.contact_step,
+            "in_log": verdict.in_log,
+            "of_ego": verdict.blame.of_ego,
+            "cause": verdict.blame.cause.value,
+            "by": verdict.blame.by.value,
+            "perceived_step": verdict.own.perceived_step,
+            "avoided": verdict.own.avoided,
+            "other_perceived_step": None if verdict.other is None else verdict.other.perceived_step,
+            "other_avoids": None if verdict.other is None else verdict.other.avoided,
         }
-        for each in run.once(contact_verdicts)
+        for verdict in run.once(contact_verdicts)
     ]
 
 
 def answered(metrics: Metrics) -> Iterator[Mapping[str, Any]]:
     """Yields the contacts that the ego answers for; the log has none of them."""
-    yield from (each for each in metrics["fault"]["contacts"] if each["of_ego"] and not each["in_log"])
+    yield from (contact for contact in metrics["fault"]["contacts"] if contact["of_ego"] and not contact["in_log"])
 
 
 def cause_text(contact: Mapping[str, Any]) -> str:
@@ -63,7 +63,7 @@ def cause_text(contact: Mapping[str, Any]) -> str:
 
 
 def _text(_: Any, __: str, metrics: Metrics) -> str:
-    how = {(each["agent"], each["step"]): each for each in metrics["collision"]["ego_contacts"]}
+    how = {(contact["agent"], contact["step"]): contact for contact in metrics["collision"]["ego_contacts"]}
     texts = []
     for each in answered(metrics):
         hit = how[each["agent"], each["step"]]
@@ -76,7 +76,7 @@ MEASURES = family(
     "contacts that the ego answers for, and the log has not: [the judge](#who-answers-for-a-contact)",
     Count(
         "fault.of_ego",
-        lambda run: sum(each.blame.of_ego for each in new_contacts(run)),
+        lambda run: sum(contact.blame.of_ego for contact in new_contacts(run)),
         *("contacts that the ego answers for", "", LOWER),
         rows=KNOWN_OF_EGO,
         sentence=_text,

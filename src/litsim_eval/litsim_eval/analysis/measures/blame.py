@@ -179,7 +179,9 @@ class _Encounter:
     def _shown(self, run: Run) -> list[SignalState | None]:
         """Returns what the signals showed to the ego, and to the other, when they last passed a stop line."""
         end, begin = int(self.step[-1]), int(self.step[-1]) - round(RED_S / self.dt)
-        passed = {each.agent: each.state for each in run.once(run_passages) or () if begin <= each.step <= end}
+        passed = {
+            passage.agent: passage.state for passage in run.once(run_passages) or () if begin <= passage.step <= end
+        }
         return [passed.get(int(each.id[-1])) for each in (self.ego, self.other)]
 
     def _give_way(self, run: Run) -> list[bool]:

@@ -68,8 +68,8 @@ class LogContacts:
             self._by_pair.setdefault(contact.pair, []).append(contact)
         self._lags: dict[int, list[tuple[int, int]]] = {}  # by agent: (step, lag from then on)
         for step in sorted(run.takeovers):
-            for each in run.takeovers[step]:
-                lags, lag = self._lags.setdefault(each.agent, []), round(each.time_shift / run.info.dt)
+            for takeover in run.takeovers[step]:
+                lags, lag = self._lags.setdefault(takeover.agent, []), round(takeover.time_shift / run.info.dt)
                 if not lags or lags[-1][1] != lag:
                     lags.append((step, lag))
 
@@ -78,7 +78,9 @@ class LogContacts:
         shifts = {0, *(self._lag(agent, contact.first) for agent in contact.pair)}
         logged: Sequence[Contact] = self._by_pair.get(contact.pair, ())
         first, last = contact.first - self._tolerance, contact.last + self._tolerance
-        return any(each.first <= last - shift and first - shift <= each.last for shift in shifts for each in logged)
+        return any(
+            recorded.first <= last - shift and first - shift <= recorded.last for shift in shifts for recorded in logged
+        )
 
     def _lag(self, agent: int, step: int) -> int:
         """Returns the lag [steps] of the log of `agent` at `step`, as left by its last takeover until then."""
@@ -169,7 +171,7 @@ class Collisions:
     @property
     def excess(self) -> dict[Pair, int]:
         """Step of the first contact that is not in the log, of each pair that has one."""
-        return _first(each for each, logged in zip(self.contacts, self.in_log, strict=True) if not logged)
+        return _first(contact for contact, logged in zip(self.contacts, self.in_log, strict=True) if not logged)
 
     @property
     def colliding(self) -> frozenset[int]:
@@ -189,7 +191,7 @@ def collisions(run: Run) -> Collisions:
     in_log = tuple(map(logged.excuse, touching))
     vehicle = run.scenario.get("vehicle")
     axle = float(vehicle.get("rear_axle", REAR_AXLE)) if isinstance(vehicle, dict) else REAR_AXLE
-    telling = _first(each for _, each in sorted(zip(in_log, touching, strict=True), key=lambda pair: pair[0]))
+    telling = _first(contact for _, contact in sorted(zip(in_log, touching, strict=True), key=lambda pair: pair[0]))
     of_ego = sorted((step, sum(pair) - ego) for pair, step in telling.items() if ego in pair)
     lane_map = lane_map_of(run) if of_ego else None
     return Collisions(

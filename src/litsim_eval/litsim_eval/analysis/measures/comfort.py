@@ -186,7 +186,7 @@ def commands_of_policy(run: Run) -> Counter[int]:
 
 def _comfortable(run: Run) -> float | None:
     agents = run.once(felt_by_controlled).agents
-    return share_of(sum(each.comfortable for each in agents), len(agents))
+    return share_of(sum(agent.comfortable for agent in agents), len(agents))
 
 
 def _guarded_share(run: Run) -> float | None:
@@ -250,7 +250,7 @@ MEASURES = family(
     "[hard brakes](#hard-brakes) begun under control; of the logs of the same agents at the same steps",
     Count(
         "comfort.controlled.hard_brakes",
-        lambda run: sum(each.hard_brakes_driven for each in run.once(felt_by_controlled).agents),
+        lambda run: sum(agent.hard_brakes_driven for agent in run.once(felt_by_controlled).agents),
         *("hard brakes under control", "", LOWER),
         rows=SUM_CONTROLLED,
     ),

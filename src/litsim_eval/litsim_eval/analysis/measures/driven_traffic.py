@@ -270,7 +270,7 @@ OF_DRIVERS = family(
     *_drivers("lane_changes_per_minute", "lane changes per minute", over="minutes"),
 )
 MEASURES = (
-    *sorted(OF_DRIVERS, key=lambda each: list(WHOSE).index(each.name.split(".")[1])),
+    *sorted(OF_DRIVERS, key=lambda measure: list(WHOSE).index(measure.name.split(".")[1])),
     *family(
         "the median headway under control over that in the same agents' logs",
         Measure("traffic.headway_ratio", of_run, "driven: headway over their logs'"),

@@ -122,7 +122,7 @@ MOTION = (
             moments=moments_of_standoffs,
         ),
         "the same of the recorded vehicle",
-        *(replace(each, name=each.name.replace(".", ".log."), title="", moments=None) for each in DRIVEN),
+        *(replace(measure, name=measure.name.replace(".", ".log."), title="", moments=None) for measure in DRIVEN),
     ),
 )
 RISK = family(

@@ -74,7 +74,7 @@ def hits(run: Run) -> Collisions:
 
 def new_contacts(run: Run) -> list[ContactVerdict]:
     """Returns the verdicts on contacts of the ego that the log has not."""
-    return [each for each in run.once(contact_verdicts) if not each.in_log]
+    return [verdict for verdict in run.once(contact_verdicts) if not verdict.in_log]
 
 
 def count_faults(run: Run) -> dict[str, int]:
@@ -85,8 +85,8 @@ def count_faults(run: Run) -> dict[str, int]:
     """
     among = sum(run.info.ego_id not in pair for pair in hits(run).excess)
     new = new_contacts(run)
-    ego = [each for each in new if each.contact.ego_at_fault]
-    avoidable = sum(each.other is not None and each.other.avoided for each in ego)
+    ego = [contact for contact in new if contact.contact.ego_at_fault]
+    avoidable = sum(contact.other is not None and contact.other.avoided for contact in ego)
     return {
         "background": among + len(new) - len(ego),
         "ego_avoidable": avoidable,
@@ -101,14 +101,16 @@ def _walks(run: Run, contact: EgoContact) -> bool:
 
 def at_fault(metrics: Metrics) -> Iterator[Mapping[str, Any]]:
     """Yields the contacts at the ego's fault that the log has not."""
-    yield from (each for each in metrics["collision"]["ego_contacts"] if each["ego_at_fault"] and not each["in_log"])
+    yield from (
+        contact for contact in metrics["collision"]["ego_contacts"] if contact["ego_at_fault"] and not contact["in_log"]
+    )
 
 
 def _contacts_at_fault(_: Any, __: str, metrics: Metrics) -> str:
     texts = [
-        f"{each['agent']} at {STEP_S * each['step']:.1f} s ({each['verdict'].replace('_', ' ')}, "
-        f"{each['delta_v_mps']:.1f} m/s)"
-        for each in at_fault(metrics)
+        f"{contact['agent']} at {STEP_S * contact['step']:.1f} s ({contact['verdict'].replace('_', ' ')}, "
+        f"{contact['delta_v_mps']:.1f} m/s)"
+        for contact in at_fault(metrics)
     ]
     return f"contact at the ego's fault with {' and '.join(texts)}" if texts else ""
 
@@ -126,22 +128,22 @@ def _by_kind(run: Run) -> dict[str, int]:
 
 def _all_contacts(run: Run) -> list[dict[str, Any]]:
     return [
-        {"pair": list(each.pair), "step": each.first, "last_step": each.last, "in_log": in_log}
-        for each, in_log in zip(hits(run).contacts, hits(run).in_log, strict=True)
+        {"pair": list(contact.pair), "step": contact.first, "last_step": contact.last, "in_log": in_log}
+        for contact, in_log in zip(hits(run).contacts, hits(run).in_log, strict=True)
     ]
 
 
 def _ego_contacts(run: Run) -> list[dict[str, Any]]:
     return [
         {
-            "agent": each.contact.agent,
-            "step": each.contact.step,
-            "in_log": each.in_log,
-            "verdict": each.contact.verdict.value,
-            "ego_at_fault": each.contact.ego_at_fault,
-            "delta_v_mps": each.contact.delta_v,
+            "agent": verdict.contact.agent,
+            "step": verdict.contact.step,
+            "in_log": verdict.in_log,
+            "verdict": verdict.contact.verdict.value,
+            "ego_at_fault": verdict.contact.ego_at_fault,
+            "delta_v_mps": verdict.contact.delta_v,
         }
-        for each in run.once(contact_verdicts)
+        for verdict in run.once(contact_verdicts)
     ]
 
 
@@ -184,14 +186,15 @@ MEASURES = family(
     "lateral outside one lane are the ego's fault; stopped ego and rear are not",
     Count(
         "collision.ego_at_fault",
-        lambda run: sum(each.contact.ego_at_fault for each in new_contacts(run)),
+        lambda run: sum(contact.contact.ego_at_fault for contact in new_contacts(run)),
         *("contacts at the ego's fault", "", LOWER),
         rows=KNOWN_OF_EGO,
         sentence=_contacts_at_fault,
         moments=moments_of(at_fault),
     ),
     Count(
-        "collision.background_at_fault", lambda run: sum(not each.contact.ego_at_fault for each in new_contacts(run))
+        "collision.background_at_fault",
+        lambda run: sum(not contact.contact.ego_at_fault for contact in new_contacts(run)),
     ),
     "contacts that are not in the log, [by who could have avoided them](#who-answers-for-a-contact)",
     _of_fault("background", "contacts, background's fault", "background_faults"),

@@ -93,7 +93,7 @@ def mission(run: Run) -> dict[str, Any] | None:
     ratio = None
     if len(log.step) and not named:
         until = float(log.step[-1])
-        driven, logged = (max(each.progress(given, until), PROGRESS_LEAST_M) for each in (way, log))
+        driven, logged = (max(path.progress(given, until), PROGRESS_LEAST_M) for path in (way, log))
         ratio = driven / logged
     arrived = away <= ARRIVAL_M
     left = _off_route(way, given, lane_map, arrived if named else arrived | _on_last_edge(way, given, lane_map))
@@ -124,7 +124,10 @@ def _on_last_edge(way: Way, given: Mission, lane_map: LaneMap) -> BoolArray:
 
 
 def _left_text(value: float, limit: str, metrics: Metrics) -> str:
-    places = [f"at {STEP_S * each['step']:.1f} s onto lane {each['lane']}" for each in metrics["mission"]["left"]]
+    places = [
+        f"at {STEP_S * departure['step']:.1f} s onto lane {departure['lane']}"
+        for departure in metrics["mission"]["left"]
+    ]
     return f"the ego left its route {' and '.join(places)}, and drove {value:.0f} m beside it, expected {limit} m"
 
 

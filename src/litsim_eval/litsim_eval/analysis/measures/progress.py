@@ -50,7 +50,7 @@ def _lengths(steps: Steps, log: Steps) -> FloatArray:
     """Returns the distance (n,) [m] travelled by each agent of `log`; see :func:`mean_progress`."""
     total = np.zeros(len(log.ids))
     for begin, end in log.blocks():
-        part, then = (each.part(max(0, begin - 1), end) for each in (steps, log))
+        part, then = (tables.part(max(0, begin - 1), end) for tables in (steps, log))
         table, number, ids = part.stacked, then.stacked.number, then.stacked.id
         rows, before = (part.rows_at(number - back, ids) for back in (0, 1))
         counts = (rows >= 0) & (before >= 0) & (then.rows_at(number - 1, ids) >= 0)

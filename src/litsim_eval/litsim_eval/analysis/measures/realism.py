@@ -78,7 +78,7 @@ class Naturalness:
         """Returns the realism of `agents`, a subset of the agents prepared; None if nothing can be judged."""
         whose = np.isin(self.run.ids, sorted(agents))
         judged = {name: bins[whose] if len(bins) else bins for name, bins in self.run.realism.items()}
-        judged["traffic_light_violation"] = _at_red(each for each in self._passed if each.agent in agents)
+        judged["traffic_light_violation"] = _at_red(passage for passage in self._passed if passage.agent in agents)
         logged, count = self._logged, len(judged["linear_speed"])
         if not count or not logged["linear_speed"].count:
             return None
@@ -90,7 +90,7 @@ class Naturalness:
 
 def _at_red(passed: Iterable[Passage]) -> ByteArray:
     """Returns the bins (m,) of passages: 1 for each at red, 0 for each other."""
-    return np.array([each.at_red for each in passed], np.uint8)
+    return np.array([passage.at_red for passage in passed], np.uint8)
 
 
 @dataclass(frozen=True)

@@ -180,8 +180,8 @@ MEASURES = (
     *family(
         "the same of the recorded vehicle",
         *(
-            replace(each, name=each.name.replace(".", ".log."), title="", rows=(), moments=None, sentence=None)
-            for each in OWN
+            replace(measure, name=measure.name.replace(".", ".log."), title="", rows=(), moments=None, sentence=None)
+            for measure in OWN
         ),
     ),
 )

@@ -49,9 +49,11 @@ def _own_ttc(run: Run) -> float | None:
     Other agents count until their contact. Those that the ego touches in the log too do not count: their recorded
     boxes are too large, or too close.
     """
-    if any(each.blame.of_ego for each in new_contacts(run)):
+    if any(contact.blame.of_ego for contact in new_contacts(run)):
         return 0.0
-    touched = {each.contact.agent: 0 if each.in_log else each.contact.step for each in run.once(contact_verdicts)}
+    touched = {
+        verdict.contact.agent: 0 if verdict.in_log else verdict.contact.step for verdict in run.once(contact_verdicts)
+    }
     if touched:
         return finite(shortest_own_ttc(run.simulated, run.info.ego_id, touched))
     return _shortest("ttc")(run)

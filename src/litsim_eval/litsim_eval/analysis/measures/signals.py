@@ -99,11 +99,11 @@ def log_passages(run: Run) -> list[Passage]:
 
 def red_lights(metrics: Metrics) -> Iterator[Mapping[str, Any]]:
     """Yields the stop lines that the ego passed at red."""
-    yield from (each for each in metrics["signals"]["reds"] if each["by"] == "ego")
+    yield from (passage for passage in metrics["signals"]["reds"] if passage["by"] == "ego")
 
 
 def _red_text(_: Any, __: str, metrics: Metrics) -> str:
-    texts = [f"{each['connection']} at {STEP_S * each['step']:.1f} s" for each in red_lights(metrics)]
+    texts = [f"{passage['connection']} at {STEP_S * passage['step']:.1f} s" for passage in red_lights(metrics)]
     return f"red light passed, {' and '.join(texts)}" if texts else ""
 
 
@@ -120,9 +120,9 @@ def _of_passages(read: Callable[[Run, list[Passage]], Any]) -> Callable[[Run], A
 def _at_red(_: Run, passed: list[Passage]) -> list[dict[str, Any]]:
     names = ("agent", "step", "connection", "group")
     return [
-        {**{name: getattr(each, name) for name in names}, "by": each.controller.name.lower()}
-        for each in passed
-        if each.at_red
+        {**{name: getattr(passage, name) for name in names}, "by": passage.controller.name.lower()}
+        for passage in passed
+        if passage.at_red
     ]
 
 
@@ -132,7 +132,9 @@ MEASURES = family(
     Count("signals.passed", _of_passages(lambda _, passed: len(passed))),
     Count(
         "signals.red_ego",
-        _of_passages(lambda run, passed: sum(each.at_red and each.agent == run.info.ego_id for each in passed)),
+        _of_passages(
+            lambda run, passed: sum(passage.at_red and passage.agent == run.info.ego_id for passage in passed)
+        ),
         *("ego: red lights passed", "", LOWER),
         rows=KNOWN_OF_EGO,
         sentence=_red_text,
@@ -140,9 +142,11 @@ MEASURES = family(
     ),
     Count(
         "signals.red_controlled",
-        _of_passages(lambda _, passed: sum(each.at_red and each.controller == Controller.POLICY for each in passed)),
+        _of_passages(
+            lambda _, passed: sum(passage.at_red and passage.controller == Controller.POLICY for passage in passed)
+        ),
         better=LOWER,
     ),
-    Count("signals.red_log", _of_passages(lambda run, _: sum(each.at_red for each in run.once(log_passages)))),
+    Count("signals.red_log", _of_passages(lambda run, _: sum(passage.at_red for passage in run.once(log_passages)))),
     Listed("signals.reds", _of_passages(_at_red)),
 )

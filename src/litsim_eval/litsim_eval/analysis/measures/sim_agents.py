@@ -52,7 +52,10 @@ def sim_agents(run: Run) -> dict[str, Any] | None:
     """Returns the likelihood of the logs of the agents ever under control; None if there is nothing to judge."""
     hits, features = run.once(collisions), run.once(naturalness)
     acts, logged = (
-        Acts(collided, None if run.signals is None else {each.agent for each in passed(run) or () if each.at_red})
+        Acts(
+            collided,
+            None if run.signals is None else {passage.agent for passage in passed(run) or () if passage.at_red},
+        )
         for collided, passed in (
             (hits.colliding, run_passages),
             ({agent for pair in hits.log for agent in pair}, log_passages),

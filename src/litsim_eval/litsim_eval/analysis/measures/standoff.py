@@ -76,7 +76,7 @@ def standoffs(run: Run) -> list[Standoff]:
         for agent in group:
             if (other := _track(own, logged, agent)) is not None:
                 between += _between(run, ego, other, agent)
-    return sorted(between, key=lambda each: (each.step, each.agent))
+    return sorted(between, key=lambda standoff: (standoff.step, standoff.agent))
 
 
 def _track(steps: Steps, logged: Steps, agent: int) -> _Track | None:
@@ -177,7 +177,7 @@ MEASURES = family(
     "[standoffs](#standoffs) of the ego: `agent`, the other; `step`, `end_step`; `could_go_first`: `ego`, `other`, "
     "`either` or `neither`; `resolved`: whether one of them moved on",
     Listed(
-        *("standoffs", lambda run: [asdict(each) for each in standoffs(run)], "standoffs", "", LOWER),
+        *("standoffs", lambda run: [asdict(standoff) for standoff in standoffs(run)], "standoffs", "", LOWER),
         rows=KNOWN_OF_EGO,
         sentence=_texts,
         moments=moments_of_standoffs,

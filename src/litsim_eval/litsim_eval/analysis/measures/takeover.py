@@ -427,9 +427,9 @@ def handback(run: Run) -> dict[str, Any]:
     """Returns the number of returns to the log, their residuals, and the largest jumps in the run and in the log."""
     back = handbacks(run)
     jumps, noise = Jump(), Jump()
-    for each in back:
-        jumps, noise = jumps.largest(each.jump), noise.largest(each.log_jump)
-    residuals = [each.residual for each in back if each.residual is not None]
+    for entry in back:
+        jumps, noise = jumps.largest(entry.jump), noise.largest(entry.log_jump)
+    residuals = [entry.residual for entry in back if entry.residual is not None]
     return {
         "count": len(back),
         "max_position_jump_m": jumps.position,
@@ -444,7 +444,7 @@ def handback(run: Run) -> dict[str, Any]:
 
 
 def _released(run: Metrics) -> float:
-    return sum(each["released_step"] is not None for each in run["ledger"])
+    return sum(entry["released_step"] is not None for entry in run["ledger"])
 
 
 def _false_alarms(place: Place) -> Callable[[Metrics], float]:
@@ -453,15 +453,15 @@ def _false_alarms(place: Place) -> Callable[[Metrics], float]:
 
 
 def _by_own_intent(run: Metrics) -> float:
-    return sum(each["outcome"] == Outcome.OWN_INTENT for each in run["ledger"])
+    return sum(entry["outcome"] == Outcome.OWN_INTENT for entry in run["ledger"])
 
 
 def _held_to_the_end(run: Metrics) -> float:
-    return sum(each["released_step"] is None and each["outcome"] is None for each in run["ledger"])
+    return sum(entry["released_step"] is None and entry["outcome"] is None for entry in run["ledger"])
 
 
 def _held_s(run: Metrics) -> float:
-    return sum(each["held_s"] for each in run["ledger"])
+    return sum(entry["held_s"] for entry in run["ledger"])
 
 
 PER_RUN = Row(
@@ -498,10 +498,11 @@ MEASURES = family(
     ),
     "the most iterations of detection within a step; steps at which their bound was hit",
     Count(
-        "detection.max_iterations", lambda run: max((each.iterations for each in run.detections.values()), default=0)
+        "detection.max_iterations",
+        lambda run: max((detection.iterations for detection in run.detections.values()), default=0),
     ),
     Count(
-        *("detection.bound_hits", lambda run: sum(not each.converged for each in run.detections.values())),
+        *("detection.bound_hits", lambda run: sum(not detection.converged for detection in run.detections.values())),
         better=LOWER,
         rows=CUT_SHORT,
     ),

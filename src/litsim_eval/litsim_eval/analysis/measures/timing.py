@@ -90,7 +90,7 @@ def step_path(step: int, marks: Marks) -> dict[str, float]:
     which the ego answered later than the policy, `recorder` the bridge's wait for the recorder's confirmation. The
     parts add up to `whole step`; the part in brackets runs in parallel.
     """
-    now = {stage: each.get(step, {}) for stage, each in marks.items()}
+    now = {stage: mark.get(step, {}) for stage, mark in marks.items()}
     bridge, after = now.get(BRIDGE, {}), marks.get(BRIDGE, {}).get(step + 1, {})
     chain = [stage for stage in POLICY_STAGES if marks.get(stage)]
     ego = now.get(EGO, {}).get("answered")

@@ -113,7 +113,7 @@ class Training:
             self._random.bit_generator.state = json.loads(state["random"])
             torch.set_rng_state(state["torch_random"].cpu())
             if self._device.startswith("cuda"):
-                torch.cuda.set_rng_state_all([each.cpu() for each in state["gpu_random"]])
+                torch.cuda.set_rng_state_all([numbers.cpu() for numbers in state["gpu_random"]])
             self.history, self._best = json.loads(state["history"]), json.loads(state["best"])
 
     def _first_model(self, locate: Locator) -> SceneModel:
