@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import logging
-import sys
 from collections.abc import Iterator
 from functools import reduce
 from itertools import product
@@ -18,7 +17,6 @@ from operator import getitem
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
@@ -75,7 +73,6 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seed", type=int, default=0, help="seed of the joint ADE's samples and of the egos' braking")
     p.add_argument("--device", default="cpu", help="device of torch")
     p.add_argument("--json", type=Path, metavar="OUT", help="write all measures here")
-    p.add_argument("--csv", action="store_true", help="print comma-separated values, one line for each model")
     p.add_argument("--plot", type=Path, metavar="OUT.png", help="draw the errors, calibration and conflicts here")
     return p
 
@@ -158,14 +155,6 @@ def print_table(title: str, result: dict[str, dict[str, Any]]) -> None:
     print("ratio: of the RMSE to constant velocity's; precision, recall: of conflicts of egos that leave their log")
 
 
-def print_csv(result: dict[str, dict[str, Any]]) -> None:
-    """Print the measures as CSV on stdout: a line for each model, a column for each number."""
-    rows = [{"model": model} | measures for model, measures in result.items()]
-    for row in rows:
-        row.pop("protocol")
-    pd.json_normalize(rows, sep="_").to_csv(sys.stdout, index=False)
-
-
 def _rows(result: dict[str, dict[str, Any]]) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yields titles of the table's rows, and the keys of what is in them."""
     seconds = [str(second) for second in SECONDS]
@@ -207,12 +196,9 @@ def main() -> None:
     logging.basicConfig(format="%(levelname)s: %(message)s")
     arguments = parser().parse_args()
     result = evaluate(arguments)
-    if arguments.csv:
-        print_csv(result)
-    else:
-        measures = next(iter(result.values()))
-        where = ", ".join(measures["protocol"]["sources"])
-        print_table(f"{where}: {measures['samples']} forecasts in {measures['scenes']} scenes", result)
+    measures = next(iter(result.values()))
+    where = ", ".join(measures["protocol"]["sources"])
+    print_table(f"{where}: {measures['samples']} forecasts in {measures['scenes']} scenes", result)
     if arguments.json:
         with replacing(arguments.json) as new:
             new.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
