@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from litsim_eval.analysis.measures.careful_driver import risky, speed_lost
+from litsim_eval.analysis.careful_driver import risky, speed_lost
 from litsim_policy.ego.ego import Ego
 from litsim_sim.core.geometry import arc_lengths, to_body, wrap_angle
 from litsim_sim.core.quantities import configuration

@@ -12,8 +12,7 @@ from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.recorded_run import open_record
 from litsim_eval.runs.rerun import resimulate
 from litsim_eval.runs.runner import Runner, record
-from litsim_sim.core.run_end import EndReason
-from litsim_sim.core.stages import StageState
+from litsim_sim.core.stages import EndReason, StageState
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.run_info import RunPlan

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from litsim_sim.core.dynamics import Motion, VehicleLimits, bicycle_step
 from litsim_sim.core.geometry import overlapping_pairs
-from litsim_sim.core.run_end import EndReason, RunEnd
 from litsim_sim.core.scene import (
     ARRAY_FIELDS,
     STEP_S,
@@ -21,6 +20,7 @@ from litsim_sim.core.scene import (
     EgoCommand,
     EgoMode,
 )
+from litsim_sim.core.stages import EndReason, RunEnd
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.entries import GAP
 from litsim_sim.world.log_policy import COMFORT_ACCELERATION

@@ -14,8 +14,8 @@ from litsim_eval.analysis.measures.standoff import standoff_text
 from litsim_eval.analysis.measures.takeover import Outcome
 from litsim_eval.analysis.measures.timing import pace_text
 from litsim_eval.report.wording import lockstep_text, measured
-from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.stages import RunEnd
 
 NOTHING = "-"
 CONTACT_COLUMNS = ("agent", "at", "kind", "delta-v", "answers", "why", "in the other's place")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any
 
-from litsim_eval.analysis.measures.careful_driver import TTC_S
+from litsim_eval.analysis.careful_driver import TTC_S
 from litsim_eval.analysis.measures.signals import red_lights
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.campaign.results import RunResult

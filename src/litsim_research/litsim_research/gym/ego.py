@@ -12,8 +12,8 @@ from litsim_research.gym.ego_view import ACTIONS, OBSERVED, EgoView, command_of
 from litsim_research.policies.draw import with_ego
 from litsim_research.policies.reward import Penalties, PenaltyConfig, penalties
 from litsim_sim.core.parameters import Parameters
-from litsim_sim.core.run_end import EndReason
 from litsim_sim.core.scene import AgentTable, EgoCommand
+from litsim_sim.core.stages import EndReason
 from litsim_sim.scenario.perception import Perception
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.simulation import Simulation

@@ -17,10 +17,9 @@ import numpy as np
 from litsim_sim.core.checks import CELLS_MAX, STEPS_MAX, check_budget
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.lockstep import marks_of
-from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import AgentTable, ByteArray, ControlTable, EgoCommand, IntArray
 from litsim_sim.core.signals import SignalState
-from litsim_sim.core.stages import BRIDGE, StageState
+from litsim_sim.core.stages import BRIDGE, RunEnd, StageState
 from litsim_sim.core.steps import Steps, StepsBuilder, write_temporary
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.core.topic_names import (

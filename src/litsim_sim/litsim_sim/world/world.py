@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from litsim_sim.core.geometry import overlapping_pairs
-from litsim_sim.core.run_end import EndReason, RunEnd
 from litsim_sim.core.scene import (
     AgentTable,
     BoolArray,
@@ -18,6 +17,7 @@ from litsim_sim.core.scene import (
     EgoCommand,
     EgoMode,
 )
+from litsim_sim.core.stages import EndReason, RunEnd
 from litsim_sim.scenario.setting import Setting
 from litsim_sim.world.actors import Actors
 from litsim_sim.world.driven import DrivenVehicles, check_answers

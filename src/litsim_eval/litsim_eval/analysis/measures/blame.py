@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from litsim_eval.analysis.measures.careful_driver import LOOK_BACK_S, OVER_S, TTC_S, CarefulDriver, hidden
+from litsim_eval.analysis.careful_driver import LOOK_BACK_S, OVER_S, TTC_S, CarefulDriver, hidden
 from litsim_eval.analysis.measures.collision import STOPPED_SPEED, EgoContact, Verdict
 from litsim_eval.analysis.measures.signals import run_passages
 from litsim_sim.core.geometry import to_body, wrap_angle

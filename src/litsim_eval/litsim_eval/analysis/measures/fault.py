@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from litsim_eval.analysis.careful_driver import CarefulDriver, careful_driver
 from litsim_eval.analysis.measure import (
     HIGHER,
     KNOWN_OF_EGO,
@@ -26,7 +27,6 @@ from litsim_eval.analysis.measure import (
     share_of,
 )
 from litsim_eval.analysis.measures.blame import Blame, blame
-from litsim_eval.analysis.measures.careful_driver import CarefulDriver, careful_driver
 from litsim_eval.analysis.measures.collision import Collisions, EgoContact, collisions
 from litsim_sim.core.scene import STEP_S, Kind
 from litsim_sim.record.lanes import lane_map_of

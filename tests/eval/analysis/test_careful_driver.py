@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_eval.analysis.measures.careful_driver import (
+from litsim_eval.analysis.careful_driver import (
     BRAKE_JERK,
     BRAKE_MAX,
     REACTION_S,

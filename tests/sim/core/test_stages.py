@@ -2,7 +2,7 @@
 
 import pytest
 
-from litsim_sim.core.run_end import EndReason, RunEnd
+from litsim_sim.core.stages import EndReason, RunEnd
 
 
 @pytest.mark.parametrize("reason", EndReason)
