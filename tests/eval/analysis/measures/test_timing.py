@@ -5,6 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from litsim_eval.analysis.measures.timing import pace_text, step_path, timing
+from litsim_eval.campaign.criteria import Criterion
+from litsim_eval.campaign.reasons import what_happened
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.record.run import Run
 
@@ -95,6 +97,15 @@ def test_the_ego_in_process_answers_after_its_compute_time(
     compute = {"ego": {0: 1.0, 1: 0.002, 2: 0.004}}
     run = make_run([table(step) for step in range(3)], timing=compute)
     assert timing(run)["answer_ms"] == pytest.approx({"median": 3.0, "p99": 3.98, "max": 4.0})
+
+
+def test_a_criterion_may_judge_how_soon_the_ego_answers() -> None:
+    limit = Criterion(field="timing.answer_ms.p99", max=100.0)
+    slow = {"timing": {"answer_ms": {"median": 50.0, "p99": 393.0, "max": 400.0}}}
+    result = limit.of_run(slow)
+    assert not result.passed and limit.of_run({"timing": {"answer_ms": {"p99": 99.0}}}).passed
+    text = what_happened(result.field, result.value, result.limit, slow)
+    assert text == "ego: time to answer, p99 393.00 ms, expected at most 100 ms"
 
 
 def test_records_of_the_graph_by_an_earlier_version_do_not_tell_when_the_ego_answers(
