@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import floor, isfinite
+from operator import itemgetter
 from typing import Any, Generic, TypeVar
 
 from litsim_sim.core.errors import InputError
@@ -52,7 +53,7 @@ def latency_in(parameters: Parameters | None) -> str:
 def without_latency(parameters: Parameters) -> dict[str, Mapping[str, Any]]:
     """Returns the parameters of a run but its latency."""
     bridge = {name: value for name, value in parameters.get(BRIDGE, {}).items() if name != NAME}
-    others: dict[str, Mapping[str, Any]] = {stage: each for stage, each in parameters.items() if stage != BRIDGE}
+    others: dict[str, Mapping[str, Any]] = {stage: values for stage, values in parameters.items() if stage != BRIDGE}
     return others | ({BRIDGE: bridge} if bridge else {})
 
 
@@ -73,8 +74,8 @@ class Delayed(Generic[T]):
     def at(self, step: int) -> T | None:
         """Returns the answer in force at a step; None before the first. Steps are asked for in order."""
         arrived = [(answered, answer) for due, answered, answer in self._waiting if due <= step]
-        self._waiting = [each for each in self._waiting if each[0] > step]
+        self._waiting = [waiting for waiting in self._waiting if waiting[0] > step]
         if self._newest is not None:
             arrived.append(self._newest)
-        self._newest = max(arrived, key=lambda each: each[0], default=None)
+        self._newest = max(arrived, key=itemgetter(0), default=None)
         return None if self._newest is None else self._newest[1]
