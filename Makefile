@@ -73,9 +73,11 @@ bench: build ## what a step costs on this machine, by stage, beside highway-env
 soak: build ## 100 short runs of the graph, resumed where they were left; docs/performance.md
 	./litsim exec python tests/soak/soak.py $(ARGS)
 
+DOCS = $(BIN)/uv run --quiet --no-project --python $(BIN)/python --with-requirements requirements/locked/docs.txt
 docs: setup ## the site of the documentation, with the Python reference, into build/site/; links and anchors are checked
 	@$(BIN)/python tools/site.py
-	@$(BIN)/uv run --quiet --no-project --python $(BIN)/python --with-requirements requirements/locked/docs.txt zensical build --strict
+	@$(DOCS) --offline true 2>/dev/null || $(DOCS) true # packages are asked for once
+	@$(DOCS) --offline zensical build --strict
 	@echo "build/site/index.html: python3 -m http.server --directory build/site"
 
 wheel: setup ## what pip installs, without ROS, into dist/; built twice, and equal to the byte
