@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import made_sources
+from litsim_data.maps.lane_graph import LaneGraph
 from litsim_data.sources.pickled import Opaque, read_pickle
 from litsim_data.sources.scenario_net import ScenarioNet
 from litsim_sim.core.errors import InputError
@@ -109,6 +110,20 @@ def test_scenes_with_defects(tmp_path: Path, change: Any, message: str) -> None:
     path.write_bytes(pickle.dumps(content))
     with pytest.raises(InputError, match=rf"made.pkl: not a scene in ScenarioNet's layout: {message}"):
         next(ScenarioNet().read(path, None))
+
+
+def test_lanes_whose_names_sumo_does_not_take(tmp_path: Path) -> None:
+    path = made_sources.scenario_net(tmp_path / "made.pkl", "pg")
+    content = pickle.loads(path.read_bytes())
+    content["map_features"]["('>', '>>', 0)"] = content["map_features"].pop("e1")
+    content["map_features"]["e0"]["exit_lanes"] = ["('>', '>>', 0)", "gone"]
+    path.write_bytes(pickle.dumps(content))
+    (scene,) = ScenarioNet().read(path, None)
+    assert scene.lanes is not None
+    graph = scene.lanes()
+    assert isinstance(graph, LaneGraph)
+    (across,) = graph.by_id["e0"].successors
+    assert across.startswith("lane") and graph.by_id[across].successors == ("e2",)
 
 
 def test_the_licence_is_that_of_the_data_set(tmp_path: Path) -> None:

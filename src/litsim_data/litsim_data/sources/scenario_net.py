@@ -66,15 +66,16 @@ def _scene(content: Mapping[str, Any], path: Path) -> Scene:
     times = np.asarray(about["ts"], np.float64).ravel()
     high = about.get("dataset") in WITH_HEIGHTS
     features = {str(name): feature for name, feature in content["map_features"].items()}
-    lights = content["dynamic_map_states"].values()
-    lit = {str(light["lane"]): _shown(light["state"]["object_state"]) for light in lights if "lane" in light}
+    names = {name: name if re.fullmatch(r"[\w.-]+", name) else f"lane{row}" for row, name in enumerate(features)}
+    lights = [light for light in content["dynamic_map_states"].values() if "lane" in light]
+    lit = {names.get(str(light["lane"]), ""): _shown(light["state"]["object_state"]) for light in lights}
     name = re.sub(r"[^\w+=-]+", "_", f"{about.get('dataset', 'scenarionet')}_{content['id']}")
     tracks, notes = _tracks(content["tracks"], times, path)
     return Scene(
         name,
         tracks,
         tracks.meaning({kind: kind for kind in (*KINDS.values(), *BY_NAME)}),
-        partial(waymo.lanes_of, {"roads": _roads(features, high=high), "tl_states": lit}, path),
+        partial(waymo.lanes_of, {"roads": _roads(features, names, high=high), "tl_states": lit}, path),
         name,
         _changes(lit, times),
         ego=str(about["sdc_id"]) if str(about.get("sdc_id")) in map(str, content["tracks"]) else None,
@@ -119,26 +120,31 @@ def _tracks(objects: Mapping[Any, Any], times: FloatArray, path: Path) -> tuple[
     return LoadedTable.of(path, columns), tuple(notes)
 
 
-def _roads(features: Mapping[str, Any], *, high: bool) -> list[dict[str, Any]]:
-    """Returns the lanes as roads of Waymo's JSON; `high` tells whether points have heights."""
+def _roads(features: Mapping[str, Any], names: Mapping[str, str], *, high: bool) -> list[dict[str, Any]]:
+    """Returns the lanes as roads of Waymo's JSON, by `names` that SUMO takes; `high` ones have heights."""
     lanes = {name: feature for name, feature in features.items() if str(feature.get("type")).startswith("LANE_")}
     points = {name: np.asarray(feature["polyline"], np.float64) for name, feature in lanes.items()}
     check_budget("points of lanes", sum(map(len, points.values())), CELLS_MAX / len(COLUMNS))
     return [
         {
             "type": "lane",
-            "id": name,
+            "id": names[name],
             "map_element_id": waymo.BIKE_LANE if feature["type"] == "LANE_BIKE_LANE" else 0,
             "speed_limit_mph": _limit(feature) / waymo.MPH,
             "geometry": [
                 {"x": float(point[0]), "y": float(point[1]), "z": float(point[2]) if high else 0.0}
                 for point in points[name]
             ],
-            "entry_lanes": [*map(str, feature.get("entry_lanes") or ())],
-            "exit_lanes": [*map(str, feature.get("exit_lanes") or ())],
+            "entry_lanes": _named(feature.get("entry_lanes"), names),
+            "exit_lanes": _named(feature.get("exit_lanes"), names),
         }
         for name, feature in lanes.items()
     ]
+
+
+def _named(lanes: Any, names: Mapping[str, str]) -> list[str]:
+    """Returns the names of those lanes that the map has."""
+    return [names[str(lane)] for lane in (() if lanes is None else lanes) if str(lane) in names]
 
 
 def _limit(feature: Mapping[str, Any]) -> float:
