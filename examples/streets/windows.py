@@ -113,20 +113,25 @@ def convert(name: str, window: Window, table: pd.DataFrame, out: Path) -> Path:
 
 
 def write_apart(names: Sequence[str], others: Sequence[str], out: Path) -> None:
-    """Write recordings to train on, as NAME_apart.parquet: `names` without the vehicles that are in `others`, too."""
+    """Write recordings to train on, as NAME_train.parquet: `names` without the vehicles that are in `others`, too."""
     elsewhere = np.concatenate([Recording.read(out / f"{name}.parquet").table["vehicle_id"] for name in others])
     for name in names:
         whole = Recording.read(out / f"{name}.parquet")
         apart = whole.table[~whole.table["vehicle_id"].isin(elsewhere)]
-        Recording.from_table(whole.header, apart, name).write(out / f"{name}_apart.parquet")
+        Recording.from_table(whole.header, apart, name).write(out / f"{name}_train.parquet")
 
 
 def main() -> None:
     """Write nets, recordings and scenarios, and say how the plan fits."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
     parser.add_argument("out", type=Path)
-    out = parser.parse_args().out
+    parser.add_argument("--seed", type=int, help="also generate eight segments of street, by this seed")
+    arguments = parser.parse_args()
+    out = arguments.out
     out.mkdir(parents=True, exist_ok=True)
+    if arguments.seed is not None:
+        generated = ["--net", "urban_like", "--segments", "8", "--seed", str(arguments.seed)]
+        data(["synthesize", *generated, "--out", str(out / "generated")])
     source = Path(os.environ["LITSIM_DATA"])
     for net, name in MAPS.items():
         data(

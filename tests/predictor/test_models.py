@@ -11,8 +11,10 @@ from safetensors.numpy import save_file
 from litsim_predictor import models
 from litsim_predictor.inference.compiled import CompiledNetwork
 from litsim_predictor.inference.weights import FORMAT, Weights, read_weights
-from litsim_predictor.models import PredictorConfig, known_model, model_names, network
+from litsim_predictor.models import PredictorConfig, known_model, model_names, network, weights_on
 from litsim_sim.core.errors import InputError
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.scenario import packaged
 from made_agents import scene
 
 
@@ -29,6 +31,14 @@ def test_names_and_files_are_known() -> None:
         assert known_model(name) == name
     with pytest.raises(ValueError, match=r"expected one of bat, .*, or a file \*\.safetensors or \*\.onnx"):
         known_model("mine.pt")
+
+
+def test_default_alone_has_weights_of_its_own_on_streets() -> None:
+    street, motorway = (LaneMap.from_net(packaged(f"nets/{name}.net.xml")) for name in ("urban_like", "us101"))
+    chosen = [weights_on("default", net) for net in (street, motorway, None)]
+    assert chosen == ["streets", "default", "default"] and weights_on("bat", street) == "bat"
+    states = [network(name)(scene(5), np.arange(5)).mean for name in ("streets", "default")]
+    assert not np.allclose(*states)
 
 
 def test_weights_of_ones_own_are_compiled_where_the_model_is_a_shipped_one(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import AfterValidator
 
 from litsim_predictor.forecast import NoPredictor, Predictor, PredictorPlugin, Scope, Wanted
+from litsim_predictor.inference import ON_STREETS
 from litsim_predictor.inference.contract import Network
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import raster_of_net
@@ -18,6 +19,8 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.quantities import Flag, Length, NonNegative, Whole, configuration
 from litsim_sim.core.stages import PREDICTOR
+from litsim_sim.lane_map.lane_graph import of_streets
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.policies import drives_by_region
 from litsim_sim.scenario.setting import Setting
 
@@ -38,13 +41,13 @@ class Learned(LearnedPredictor, PredictorPlugin):
     model: ClassVar[str]
 
     def __init__(self, scenario: Setting, scope: Scope) -> None:
-        net = raster_of_net(scenario.net_path)
-        selection = (scenario.ego_ids, scope.roi_m, *net, scope.wanted, scope.modes)
-        super().__init__(network(self.model), *selection, along_lanes=scope.along_lanes)
+        lane_map, raster = raster_of_net(scenario.net_path)
+        selection = (scenario.ego_ids, scope.roi_m, lane_map, raster, scope.wanted, scope.modes)
+        super().__init__(network(weights_on(self.model, lane_map)), *selection, along_lanes=scope.along_lanes)
 
 
 class Default(Learned):
-    """The predictor called `default`: the joint network that forecasts best."""
+    """The predictor called `default`: the joint network that forecasts best, with weights of its own on streets."""
 
     model = DEFAULT_MODEL
 
@@ -147,6 +150,12 @@ def make_predictor(
     read.check()
     predictor: Predictor = make(scenario, scope)
     return predictor
+
+
+def weights_on(model: str, lane_map: LaneMap | None) -> str:
+    """Returns the weights with which `model` forecasts on the net of `lane_map`: `default` has others on streets."""
+    on_streets = model == DEFAULT_MODEL and lane_map is not None and of_streets(lane_map.lanes)
+    return ON_STREETS if on_streets else model
 
 
 def network(model: str) -> Network:

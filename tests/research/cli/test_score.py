@@ -201,6 +201,20 @@ def test_by_default_all_models_that_come_with_the_package_are_compared() -> None
     assert list(load_models(COMPARED, "cpu", along_lanes=True)) == [*NAMES, *SHIPPED]
 
 
+def test_on_streets_default_has_the_weights_that_runs_have_there(
+    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, street = tmp_path / "out.json", write(0.4, net="urban_like", name="street")
+    run(monkeypatch, "--models", "default", "streets", "--recording", street, "--json", out)
+    scores = json.loads(out.read_text())
+    assert scores["default"]["rmse"] == scores["streets"]["rmse"]
+    run(monkeypatch, "--models", "default", "streets", "--recording", write(0.4), "--json", out)
+    scores = json.loads(out.read_text())
+    assert scores["default"]["rmse"] != scores["streets"]["rmse"]
+    with pytest.raises(SystemExit):
+        run(monkeypatch, "--models", "default", "--recording", street, write(0.4))
+
+
 # What cannot be used
 
 

@@ -13,7 +13,7 @@ import litsim_policy
 import litsim_research
 import litsim_sim
 from litsim_data.traffic.seeds import CALIBRATION, DEMO, PAPER, REPORTED, TRAINING
-from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference import ON_STREETS, SHIPPED
 from litsim_predictor.inference.weights import read_weights
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.scenario import packaged
@@ -68,6 +68,16 @@ def test_predictors_left_the_reported_window_out(name: str) -> None:
 def test_predictors_saw_no_generated_segments_that_are_reported(name: str) -> None:
     sources = {each for part in provenance_rows(name).values() for each in part}
     assert not {source for source in sources for seed in REPORTED | CALIBRATION if f"_{seed}_" in source}
+
+
+def test_the_weights_for_streets_saw_nothing_that_is_reported() -> None:
+    """Neither seeds of reported traffic nor a window of Lankershim that examples/suites/streets.yaml reports."""
+    manifest = read_weights(ON_STREETS).provenance.manifest
+    seeds = {int(name[-12:-8]) for name in manifest["files"] if name.startswith(("train_", "street_"))}
+    assert len(seeds) == 7 and not seeds & (REPORTED | CALIBRATION)
+    windows = {rows for part in manifest["rows"].values() for rows in part} - {"urban_like"}
+    suite = (Path(__file__).parents[3] / "examples/suites/streets.yaml").read_text()
+    assert windows == {"a", "c", "d"} and not [name for name in windows if f"/{name}_train" in suite]
 
 
 def provenance_rows(name: str) -> dict[str, dict[str, int]]:

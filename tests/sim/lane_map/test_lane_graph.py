@@ -1,9 +1,11 @@
 """Lanes that follow each other."""
 
 import numpy as np
+import pytest
 
-from litsim_sim.lane_map.lane_graph import directly_linked, straightest_successors
-from litsim_sim.lane_map.net_lanes import Lane
+from litsim_sim.lane_map.lane_graph import directly_linked, of_streets, straightest_successors
+from litsim_sim.lane_map.net_lanes import Lane, read_lanes
+from litsim_sim.scenario.scenario import packaged
 
 
 def lane(name: str, line: list[tuple[float, float]], *successors: str) -> Lane:
@@ -22,6 +24,13 @@ FORK = [
 
 def test_the_straightest_goes_on_from_the_end_of_a_lane() -> None:
     assert straightest_successors(FORK) == [2, None, None, None]
+
+
+@pytest.mark.parametrize(
+    ("net", "streets"), [("us101", False), ("us101_like", False), ("i80", False), ("urban_like", True)]
+)
+def test_lanes_turn_in_junctions_of_streets_alone(net: str, streets: bool) -> None:
+    assert of_streets(read_lanes(packaged(f"nets/{net}.net.xml"))) == streets
 
 
 def test_of_equally_straight_ones_the_first_by_id() -> None:

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from safetensors import SafetensorError, safe_open
 
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference import ON_STREETS, SHIPPED
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import problems
 from litsim_sim.core.quantities import configuration
@@ -94,7 +94,7 @@ def configured(config: type[Config], values: Mapping[str, Any], where: str) -> C
 
 def weights_path(name: str) -> Path:
     """Returns the file of shipped weights `name`, or the file of that path."""
-    return packaged("weights") / f"{name}.safetensors" if name in SHIPPED else Path(name)
+    return packaged("weights") / f"{name}.safetensors" if name in (*SHIPPED, ON_STREETS) else Path(name)
 
 
 def packaged(folder: str) -> Path:

@@ -21,7 +21,9 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
+from litsim_predictor.inference import ON_STREETS
 from litsim_predictor.inference.contract import SECONDS
+from litsim_predictor.models import DEFAULT_MODEL
 from litsim_research.cli.train_predictor import packaged_configs
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
@@ -89,6 +91,7 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
     from litsim_research.predictors.evaluation.evaluation import (
         COMPARED,
         load_models,
+        on_streets,
         part_of,
         recording_tracks,
         score,
@@ -110,6 +113,9 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
         scenario = Scenario.load(arguments.scenario)
         tracks = Tracks.from_table(scenario.name, scenario.recording.table, scenario.net_path)
         chosen = part_of([tracks], arguments.split)
+    if DEFAULT_MODEL in models and on_streets(chosen):
+        of_streets = load_models([ON_STREETS], arguments.device, along_lanes=not arguments.straight)
+        models[DEFAULT_MODEL] = of_streets[ON_STREETS]
     scenes = sum(len(tracks.frames[:: arguments.stride]) for tracks in chosen)
     with tqdm(total=scenes, unit="scene", dynamic_ncols=True, desc="scenes") as bar:
         batches = scene_batches(chosen, arguments.batch, arguments.stride, roi_m=arguments.roi)

@@ -10,6 +10,7 @@ from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import BoolArray, FloatArray
 from litsim_sim.lane_map.net_lanes import Lane
 
+TURN = np.pi / 6.0  # [rad] inside a junction of streets; lanes of motorways diverge and merge at less
 DECIMALS = 3  # of an angle [rad]: the net's rounding must not decide between lanes that go on in the same direction
 
 
@@ -36,6 +37,13 @@ def straightest_successors(lanes: Sequence[Lane]) -> list[int | None]:
         return row[min(lane.successors, key=turn)] if lane.successors else None
 
     return [successor(lane) for lane in lanes]
+
+
+def of_streets(lanes: Sequence[Lane]) -> bool:
+    """Whether a net is one of streets: inside its junctions a lane turns by 30 degrees or more, more than to merge."""
+    first, last = 0, -1
+    turns = (_heading(lane, last) - _heading(lane, first) for lane in lanes if lane.is_internal)
+    return any(abs(float(wrap_angle(turn))) >= TURN for turn in turns)
 
 
 def legal_limits(lanes: Sequence[Lane]) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from litsim_data.segments import Part
-from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference import ON_STREETS, SHIPPED
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, STRIDE
 from litsim_research.predictors.data.batch import SceneBatch
 from litsim_research.predictors.data.sources import split
@@ -26,6 +26,7 @@ from litsim_research.predictors.models.model import SceneModel
 from litsim_research.predictors.models.weights import load_model
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
+from litsim_sim.lane_map.lane_graph import of_streets
 from litsim_sim.scenario.recorded_net import net_of
 from litsim_sim.scenario.recording import Recording
 
@@ -50,13 +51,25 @@ def load_models(names: Sequence[str], device: str, *, along_lanes: bool) -> dict
     check_device(device)
     ordered = dict.fromkeys([REFERENCE, *names])
     for name in ordered:
-        if name not in COMPARED and not Path(name).is_file():
-            known = ", ".join(COMPARED)
+        if name not in (*COMPARED, ON_STREETS) and not Path(name).is_file():
+            known = ", ".join((*COMPARED, ON_STREETS))
             raise InputError(f"--models {name}: no such model, expected one of {known}, or a file of weights")
     models = {name: KINEMATIC[name]() if name in KINEMATIC else load_model(name)[0] for name in ordered}
     if along_lanes:
         models |= {name: AlongLanes(model) for name, model in models.items() if name not in KINEMATIC}
     return {name: model.to(device).eval() for name, model in models.items()}
+
+
+def on_streets(sources: Sequence[Tracks]) -> bool:
+    """Whether `sources` are of nets of streets, on which `default` has the weights :data:`ON_STREETS`.
+
+    Raises:
+        InputError: some are, and some are not.
+    """
+    kinds = {tracks.lanes is not None and of_streets(tracks.lanes.lane_map.lanes) for tracks in sources}
+    if len(kinds) > 1:
+        raise InputError("recordings of streets and of other roads at once, for which `default` has different weights")
+    return kinds.pop()
 
 
 def recording_tracks(path: Path, net: str | None) -> Tracks:
