@@ -1,12 +1,13 @@
 """Planted weaknesses: how soon and how near a search finds them, against random search with the same budget.
 
-    ./litsim exec python benchmarks/search/compare.py [--careful] [--runs 200] [--seeds 5] [--out bags/planted]
+    ./litsim exec python benchmarks/search/compare.py [--careful | --versions] [--runs 200] [--seeds 5] [--out FOLDER]
 
 Prints a table in Markdown, for TPE and for random search: `tpe / random`. A weakness is found by a failure that the ego
 without it does not have with the same changes. `found` is the number of searches that do, `first` the number of runs
 until then, `near` that until a failure within 1.25 times the least distance of all searches of the weakness, `margin`
 the least distance itself, `any` that of all failures: medians over the seeds, with the budget where there was none.
-With --careful it prints instead what the same searches find of an ego that drives as a careful driver.
+With --careful it prints instead what the same searches find of an ego that drives as a careful driver, with --versions
+the margins of three versions of the ego, one for each seed.
 
 Runs are made in this process, with policy `replay`; what became of them is kept, and not run again. As what random
 search tries does not depend on what became of it, only those of its runs are made that the table needs.
@@ -40,7 +41,7 @@ from litsim_eval.runs.runner import Runner, record
 from litsim_eval.search.explore import SAMPLERS, Exploration, Tried, explore
 from litsim_eval.search.judging import Outcome, closeness, missed_by, outcome_of
 from litsim_eval.search.people import People
-from litsim_eval.search.space import Proposal, Space
+from litsim_eval.search.space import Space
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.log import Log
@@ -54,16 +55,20 @@ PLANTED = (
     ("street_14/67", "red", ("start", "signals")),
 )
 """Cases of the suite `small`, the weakness that is looked for in each, and what may change."""
+OF_VERSIONS = ("motorway_00/3", "motorway_01/112")
+"""Cases in which versions are compared: of two motorways the first of every fourth of the suite that is no jam."""
 HEALTHY, CAREFUL = "none", "careful"
 """The ego without a weakness, and the careful driver."""
+CHANGED = "changed"
+"""Name of changed scenarios."""
+VERSIONS = (f"{CAREFUL} late", f"{CAREFUL} soft", CAREFUL)
 NEAR = 1.25
 
 
-def planted(scenario: Scenario, weakness: str) -> PlantedEgo:
-    """Returns the ego with a weakness, or the careful driver."""
-    if weakness == CAREFUL:
-        return PlantedEgo(scenario, PlantedConfig(careful=True))
-    return PlantedEgo(scenario, PlantedConfig(weakness=weakness))
+def planted(scenario: Scenario, name: str) -> PlantedEgo:
+    """Returns the ego with a weakness, the careful driver, or that with a weakness (`careful late`)."""
+    weakness = name.removeprefix(CAREFUL).strip() or HEALTHY
+    return PlantedEgo(scenario, PlantedConfig(weakness=weakness, careful=name.startswith(CAREFUL)))
 
 
 class Road:
@@ -88,9 +93,8 @@ class Road:
             self._spaces[weakness] = Space.of(self._plan.scenario, People.load(), self._changes, driven)
         return self._spaces[weakness]
 
-    def outcome(self, proposal: Proposal, weakness: str) -> tuple[Outcome, str, float]:
-        """Returns what became of a run, what happened in it first, and how near to a contact it came."""
-        text = self.space(HEALTHY).scenario_file(proposal, "changed")
+    def outcome(self, text: str, weakness: str) -> tuple[Outcome, str, float]:
+        """Returns what became of a run of a scenario, what happened first, and how near to a contact it came."""
         key = f"{weakness} {hashlib.sha256(text.encode()).hexdigest()}"
         if key not in self._outcomes:
             self._outcomes[key] = [*self._run(text, weakness)]
@@ -119,11 +123,13 @@ class Searched:
 
     road: Road
     weakness: str
+    space: Space
     tried: Sequence[Tried]
 
     def fails(self, tried: Tried, weakness: str) -> bool:
         """Returns whether the ego fails with a weakness."""
-        return self.road.outcome(tried.proposal, weakness)[0] == Outcome.FAILED
+        text = self.space.scenario_file(tried.proposal, CHANGED)
+        return self.road.outcome(text, weakness)[0] == Outcome.FAILED
 
     def fails_alone(self, tried: Tried) -> bool:
         """Returns whether the ego fails with the weakness, and does not without it."""
@@ -151,11 +157,12 @@ def searched(road: Road, weakness: str, sampler: str, seed: int, runs: int) -> S
             tried = []
             for number, (how, proposal) in enumerate(asked, len(exploration.tried)):
                 lazy = sampler == "random"
-                outcome, group, near = (Outcome.PASSED, "", 0.0) if lazy else road.outcome(proposal, weakness)
+                text = exploration.space.scenario_file(proposal, CHANGED)
+                outcome, group, near = (Outcome.PASSED, "", 0.0) if lazy else road.outcome(text, weakness)
                 distance = exploration.space.distance(proposal)
                 tried.append(Tried(number, how, proposal, distance, outcome, group, near))
             asked = searching.send(tried)
-    return Searched(road, weakness, exploration.tried)
+    return Searched(road, weakness, exploration.space, exploration.tried)
 
 
 def print_planted(roads: dict[str, Road], seeds: int, budget: int) -> None:
@@ -196,6 +203,23 @@ def print_careful(roads: dict[str, Road], seeds: int, budget: int) -> None:
         print(f"| {case} | {runs} | {' | '.join(str(count[each]) for each in outcomes)} | {failed} |", flush=True)
 
 
+def print_versions(roads: dict[str, Road], seeds: int, budget: int) -> None:
+    """Prints a row for each case with the margins of each version; a dash for none."""
+    print(
+        f"\n| case | {' | '.join(f'`{version}`' for version in VERSIONS)} |\n|---|{'---|' * len(VERSIONS)}", flush=True
+    )
+    for case, road in roads.items():
+        cells = []
+        for version in VERSIONS:
+            some = [searched(road, version, SAMPLERS[0], seed, budget) for seed in range(seeds)]
+            margins = [
+                min((t.distance for t in each.tried if t.outcome == Outcome.FAILED), default=None) for each in some
+            ]
+            tries = sum(len(each.tried) for each in some)
+            cells.append(", ".join("-" if m is None else f"{m:.2f}" for m in margins) + f" in {tries} runs")
+        print(f"| {case} | {' | '.join(cells)} |", flush=True)
+
+
 def main() -> None:
     """Makes every search and prints the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -203,13 +227,18 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--out", type=Path, default=Path("bags/planted"))
     parser.add_argument("--careful", action="store_true", help="search with the careful driver")
+    parser.add_argument("--versions", action="store_true", help="compare three versions of the ego")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     suite = Suite.load("small").model_copy(update={"policies": ["replay"]})
     cases = {"/".join(case.name.split("/")[:2]): case for case in cases_of(suite)}
-    roads = {case: Road(cases[case], changes, arguments.out) for case, _, changes in PLANTED}
+    searched_for = {case: changes for case, _, changes in PLANTED}
+    if arguments.versions:
+        searched_for = dict.fromkeys(OF_VERSIONS, (*TRAFFIC, "cut_out"))
+    roads = {case: Road(cases[case], changes, arguments.out) for case, changes in searched_for.items()}
     gc.freeze()
-    (print_careful if arguments.careful else print_planted)(roads, arguments.seeds, arguments.runs)
+    how = print_versions if arguments.versions else print_careful if arguments.careful else print_planted
+    how(roads, arguments.seeds, arguments.runs)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from litsim_eval.analysis.careful_driver import risky, speed_lost
 from litsim_policy.ego.ego import Ego
 from litsim_sim.core.geometry import arc_lengths, to_body, wrap_angle
 from litsim_sim.core.quantities import configuration
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, EgoCommand, FloatArray
+from litsim_sim.core.scene import ARRAY_FIELDS, STEP_S, AgentTable, BoolArray, EgoCommand, FloatArray
 from litsim_sim.core.signals import SignalState
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import TwistTarget, follow_twist
@@ -117,10 +117,13 @@ class PlantedEgo(Ego):
     def _braked(self, table: AgentTable, command: EgoCommand, known: BoolArray) -> EgoCommand:
         """Returns the command, with the braking of the careful driver once its reaction time to a risk is over."""
         row, time = table.row(self._scenario.ego_id), self._risky_steps * STEP_S
-        near = np.hypot(table.x - table.x[row], table.y - table.y[row]) < RISKS_M
-        near &= known
-        own, lane_map = np.array([row]), self._scenario.lane_map
-        risk = any(risky(table, own, other, lane_map)[0] for other in near.nonzero()[0][:, None])
+        ahead, left = to_body(table.x - table.x[row], table.y - table.y[row], table.yaw[row])
+        others = (known & (ahead > 0.0) & (np.hypot(ahead, left) < RISKS_M)).nonzero()[0]
+        pairs, k = np.column_stack([np.full(len(others), row), others]).ravel(), np.arange(len(others))
+        one_by_one = replace(
+            table, **{name: getattr(table, name)[pairs] for name in ARRAY_FIELDS}, scene=np.repeat(k, 2)
+        )
+        risk = bool(risky(one_by_one, 2 * k, 2 * k + 1, self._scenario.lane_map).any())
         self._calm_steps = 0 if risk else self._calm_steps + 1
         self._risky_steps = self._risky_steps + 1 if self._calm_steps < CALM_STEPS else 0
         braking = (speed_lost(time + STEP_S) - speed_lost(time)) / STEP_S
