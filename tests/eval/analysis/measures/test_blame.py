@@ -174,11 +174,12 @@ def test_right_of_way(table: Make, make_run: Make, street: LaneMap) -> None:
 
 @pytest.mark.parametrize("runs_red", [EGO, OTHER])
 def test_red_light(table: Make, make_run: Make, street: LaneMap, monkeypatch, runs_red: int) -> None:
-    """Two cross, one of which had red, too late for a careful driver to do anything."""
+    """Two cross, one of which had red, too late for a careful driver to do anything; neither saw the other before."""
     motions = through(street, ":A_11_0", 10.0, 40), through(street, ":A_1_0", 14.0, 32)
     states = {agent: SignalState.RED if agent == runs_red else SignalState.GREEN for agent in (EGO, OTHER)}
     passed = [Passage(agent, 25, "a", "a", state, Controller.LOG) for agent, state in states.items()]
     monkeypatch.setattr(blame, "run_passages", lambda _: passed)
+    monkeypatch.setattr(blame, "hidden", lambda _, ego, __: np.ones(len(ego), np.bool_))
     cause, by, of_ego = answer(scene(table, make_run, *motions, net="urban_like"))
     assert (cause, by) == (Cause.RED_LIGHT, Side.EGO if runs_red == EGO else Side.OTHER)
     assert of_ego or runs_red == OTHER

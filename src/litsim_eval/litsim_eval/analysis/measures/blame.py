@@ -32,7 +32,7 @@ FAR_M = 100.0  # [m] by which a way is prolonged, straight
 
 
 class Cause(StrEnum):
-    """What led to a contact, in the order in which it is tested."""
+    """What led to a contact, in the order in which it is tested; the last two excuse an ego that created it."""
 
     WALKER = "walker"  # a pedestrian or cyclist
     RED_LIGHT = "red_light"  # one passed a stop line at red
@@ -41,7 +41,7 @@ class Cause(StrEnum):
     CROSSING = "crossing"  # ways cross, and no rule is known
     ENTERED = "entered"  # one came into the other's way from the side
     FOLLOWED = "followed"  # one ran into the other, which was ahead
-    REVEALED = "revealed"  # the other was hidden by a vehicle that left, and was a risk at once
+    REVEALED = "revealed"  # the other was hidden by a third vehicle until just before, and no light was red
     START = "start"  # the risk was there when the ego began to drive, or the other appeared
 
 
@@ -84,7 +84,7 @@ def blame(run: Run, contact: EgoContact, own: CarefulDriver, other: CarefulDrive
     pair = _Encounter.of(run, contact)
     cause, by = (Cause.WALKER, Side.NEITHER) if other is None else pair.created_by(run)
     if by == Side.EGO and cause != Cause.ENTERED:
-        if pair.revealed(own.perceived_step):
+        if cause != Cause.RED_LIGHT and pair.revealed(own.perceived_step):
             cause, by = Cause.REVEALED, Side.NEITHER
         elif pair.at_once(own.perceived_step):
             cause, by = Cause.START, Side.NEITHER
@@ -136,8 +136,8 @@ class _Encounter:
         if by := self._alone([state in STOP_STATES for state in self._shown(run)]):
             return Cause.RED_LIGHT, by
         recent = slice(-round(TTC_S / self.dt) - 1, None)
-        stood = [bool((each.speed[recent] <= STANDS_MPS).all()) for each in (self.ego, self.other)]
-        if by := self._alone([not each for each in stood]):
+        moved = [bool((agent.speed[recent] > STANDS_MPS).any()) for agent in (self.ego, self.other)]
+        if by := self._alone(moved):
             return Cause.STANDING, by
         if self._crosses:
             if by := self._alone(self._give_way(run)):
@@ -182,7 +182,7 @@ class _Encounter:
         passed = {
             passage.agent: passage.state for passage in run.once(run_passages) or () if begin <= passage.step <= end
         }
-        return [passed.get(int(each.id[-1])) for each in (self.ego, self.other)]
+        return [passed.get(int(agent.id[-1])) for agent in (self.ego, self.other)]
 
     def _give_way(self, run: Run) -> list[bool]:
         """Returns whether the ego, and the other, had to give way: by permissive green, or without signals by signs."""
