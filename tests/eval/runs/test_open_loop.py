@@ -35,3 +35,4 @@ def test_it_needs_a_folder_and_a_stack(
 ) -> None:
     said = refusal(capsys, rerun.main, tmp_path, "--to-stack", *words)
     assert "--to-stack: expected --out FOLDER, and after -- the command that starts the stack" in said
+    assert "after --: expected only with --to-stack" in refusal(capsys, rerun.main, tmp_path, "--resimulate", *words)

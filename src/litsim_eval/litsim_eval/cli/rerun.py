@@ -109,6 +109,8 @@ def main(argv: list[str] | None = None) -> int:
     at = given.index("--") if "--" in given else len(given)
     arguments = parser().parse_args(given[:at])
     arguments.command = given[at + 1 :]
+    if not arguments.to_stack and (arguments.command or arguments.out is not None or arguments.overwrite):
+        raise InputError("--out, --overwrite and a command after --: expected only with --to-stack")
     return 0 if (play if arguments.to_stack else rerun)(arguments) else EXIT_FAILED
 
 
