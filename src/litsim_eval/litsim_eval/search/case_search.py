@@ -74,10 +74,11 @@ class CaseSearch:
         """
         tried, failures = self.exploration.tried, self.exploration.failures
         count = {outcome: sum(run.outcome == outcome for run in tried) for outcome in Outcome}
-        drawn = [run for run in tried if run.how == "drawn" and run.outcome != Outcome.ERROR]
+        judged = [run for run in tried[1:] if run.outcome != Outcome.ERROR]
+        drawn = [run for run in judged if run.how == "drawn"]
         bad = sum(run.outcome == Outcome.FAILED for run in drawn)
         unchanged = (self.results[0].metrics or {}).get("digest")
-        acted = [run for run in tried[1:] if (self.results[run.number].metrics or {}).get("digest") != unchanged]
+        acted = [run for run in judged if (self.results[run.number].metrics or {}).get("digest") != unchanged]
         bounds = binomtest(bad, len(drawn)).proportion_ci(0.95, "exact") if drawn else None
         return Margin(
             name=self.case.name,

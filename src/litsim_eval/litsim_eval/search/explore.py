@@ -114,10 +114,12 @@ def explore(
     space = exploration.space  # by where all drove
     if tried[0].outcome != Outcome.PASSED or not space.parameters:
         return
-    can_act = [
-        placed for placed in screened if placed.act == NOTHING or placed.agent in space.agents.get(placed.act, ())
+    screened = [
+        space.placed(proposal)
+        for proposal in screened
+        if proposal.act == NOTHING or proposal.agent in space.agents.get(proposal.act, ())
     ]
-    proposer = _Proposer(exploration, runs, sampler, seed, [space.placed(placed) for placed in can_act])
+    proposer = _Proposer(exploration, runs, sampler, seed, screened)
     while len(tried) < runs and not expired():
         outcomes = yield proposer.batch(min(BATCH, runs - len(tried)))
         tried += outcomes

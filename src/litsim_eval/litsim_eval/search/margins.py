@@ -65,7 +65,7 @@ class Margin(_Content):
         recorded: what becomes of it as recorded; only if it passes it is searched.
         reason: why it does not pass as recorded; empty if it does.
         runs, failed, forced, errors: numbers of runs, those for shrinking included.
-        tries: number of runs in which something was different, by kind of act.
+        tries: number of runs that were judged, and in which something was different, by kind of act.
         drawn, drawn_failed: numbers of runs that were drawn from the declared distribution.
         rate: bounds of the share of these that fail at 95 %, by Clopper and Pearson (1934); None without any.
         failures: the nearest failure of each group, the nearest first.
