@@ -86,6 +86,7 @@ def test_a_goal_that_is_named_is_reached_or_not(run: Any) -> None:
     reached, missed = mission(run(RIGHT, **named)), mission(run(STRAIGHT, **named))
     assert (reached["goal_reached"], missed["goal_reached"]) == (True, False)
     assert reached["progress_ratio"] is None, "the log drives elsewhere"
+    assert "its goal is named" in what_happened("mission.progress_ratio", None, "at least 0.2", {"mission": missed})
     limit = next(each for each in Criteria.load().runs if each.field == "mission.goal_reached")
     text = what_happened(limit.field, missed["goal_reached"], limit.limit, {"mission": missed})
     assert text.startswith("the ego did not reach its goal: it came within ")

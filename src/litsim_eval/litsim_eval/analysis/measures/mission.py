@@ -35,6 +35,7 @@ from litsim_sim.scenario.mission import Mission
 
 ARRIVAL_M = 5.0  # [m] from the goal, about a car's length, within which it is reached
 NOT_RECORDED = "the ego's mission is not recorded: the record is of an earlier version"
+NO_RATIO = "the ego's progress has nothing to compare with: its goal is named, or its mission is not recorded"
 
 
 @dataclass(frozen=True)
@@ -142,6 +143,7 @@ MEASURES = family(
     _Given("mission.progress_m", mission, "ego: progress along the route", "m"),
     _Given(
         *("mission.progress_ratio", mission, "ego: progress along the route over its log's", "", HIGHER),
+        missing=NO_RATIO,
         rows=(Row("ego_route_progress", mean, Table.EGO, "ego: progress along the route", share=True),),
     ),
     "distance that the ego drives on lanes outside junctions that are not of its route, before it comes to the goal, "
