@@ -65,10 +65,11 @@ def cause_text(contact: Mapping[str, Any]) -> str:
 def _text(_: Any, __: str, metrics: Metrics) -> str:
     how = {(contact["agent"], contact["step"]): contact for contact in metrics["collision"]["ego_contacts"]}
     texts = []
-    for each in answered(metrics):
-        hit = how[each["agent"], each["step"]]
+    for contact in answered(metrics):
+        agent, step = contact["agent"], contact["step"]
+        hit = how[agent, step]
         kind = f"{hit['verdict'].replace('_', ' ')}, {hit['delta_v_mps']:.1f} m/s"
-        texts.append(f"{each['agent']} at {STEP_S * each['step']:.1f} s ({kind}; {cause_text(each)})")
+        texts.append(f"{agent} at {STEP_S * step:.1f} s ({kind}; {cause_text(contact)})")
     return f"contact at the ego's fault with {' and '.join(texts)}" if texts else ""
 
 

@@ -449,7 +449,7 @@ def _released(run: Metrics) -> float:
 
 def _false_alarms(place: Place) -> Callable[[Metrics], float]:
     """Returns the number of false alarms for opponents at `place`, as a figure of a run."""
-    return lambda run: sum(each.get("opponent_place") == place and each["false_alarm"] for each in run["ledger"])
+    return lambda run: sum(entry.get("opponent_place") == place and entry["false_alarm"] for entry in run["ledger"])
 
 
 def _by_own_intent(run: Metrics) -> float:
