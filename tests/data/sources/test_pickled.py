@@ -77,6 +77,10 @@ def test_nothing_is_executed(tmp_path: Path) -> None:
         b"\x80\x04\x8e" + struct.pack("<Q", 2**62) + b".",
         b"\x80\x04\x8b" + struct.pack("<i", -5) + b".",
         b"\x80\x04]" + b"0]" * 3_000_000 + b".",
+        b"\x80\x04]" + b"".join(b"q%c0](h%ch%ce" % (i, i, i) for i in range(40)) + b".",
+        b"\x80\x04]q\x00h\x00a.",  # within itself
+        b"\x80\x04)" + b"\x85" * 100_000 + b".",
+        b"\x80\x04)" + b"\x85" * 100_000 + b")\x93.",
         pickle.dumps(np.arange(9)).replace(b"K\x09\x85", b"J\xff\xff\xff\x7f\x85"),
     ],
 )

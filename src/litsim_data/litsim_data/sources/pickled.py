@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from litsim_sim.core.checks import check_budget
+from litsim_sim.core.checks import CELLS_MAX, check_budget
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.input_files import TREE_MAX, open_input
 
@@ -26,6 +26,7 @@ DICTS = ("defaultdict", "OrderedDict", "ScenarioDescription")
 """Classes that are dicts, whatever their package."""
 ARRAYS = ("numpy.core.multiarray", "numpy._core.multiarray", "numpy.core.numeric", "numpy._core.numeric")
 OPERATIONS_MAX = 2_000_000  # instructions of a file; a scenario has 30 000
+LEVELS_MAX = 50  # of lists within lists
 MARK = object()
 
 
@@ -81,7 +82,9 @@ class _Machine:
             check_budget("instructions", number, OPERATIONS_MAX)
             name = operation.name
             if name == "STOP":
-                return plain(self.stack.pop())
+                whole = plain(self.stack.pop())
+                _count(whole)
+                return whole
             if name in CONSTANTS:
                 self.stack.append(CONSTANTS[name])
             elif name in MADE:
@@ -157,7 +160,9 @@ class _Machine:
     def named(self, argument: str | None) -> None:
         """Puts a name of a module onto the stack, of the `argument` or of the last two texts."""
         module, name = self.take(2) if argument is None else argument.split(" ", 1)
-        self.stack.append(_Name(str(module), str(name)))
+        if not (isinstance(module, str) and isinstance(name, str)):
+            raise TypeError("the name of a module is no text")
+        self.stack.append(_Name(module, name))
 
     def call(self) -> None:
         """Puts the result of a known function onto the stack in place of its name and arguments."""
@@ -178,6 +183,24 @@ class _Machine:
 def plain(value: Any) -> Any:
     """Returns an array or a type as what it is, and what else is given as it is."""
     return value.value if isinstance(value, _Array | _Type) else value
+
+
+def _count(content: Any, level: int = 0, count: int = 0) -> int:
+    """Returns `count` and the number of parts of `content`, where one that is used again counts again.
+
+    Raises:
+        ValueError: they are too many, or are within each other: few instructions can demand any number.
+    """
+    check_budget("levels of lists within lists", level, LEVELS_MAX)
+    parts = content.values() if isinstance(content, dict) else content if isinstance(content, list | tuple) else ()
+    count += len(parts)
+    check_budget("parts", count, OPERATIONS_MAX)
+    for part in parts:
+        if isinstance(part, list | tuple | dict):
+            count = _count(part, level + 1, count)
+        elif isinstance(part, np.ndarray):
+            count += part.size * OPERATIONS_MAX // CELLS_MAX
+    return count
 
 
 def _result(function: Any, arguments: Any) -> Any:
@@ -214,7 +237,7 @@ def _array(content: Any, kind: Any, shape: Any, order: str) -> np.ndarray | Opaq
     if not isinstance(kind, np.dtype) or not isinstance(content, bytes | bytearray):
         return Opaque()
     if not all(isinstance(length, int) and length >= 0 for length in shape):
-        raise ValueError(f"an array of shape {shape!s:.40}")
+        raise ValueError("the shape of an array is not of lengths")
     flat = np.frombuffer(content, kind) if content else np.zeros(0, kind)
     return flat.reshape(tuple(shape), order="F" if order == "F" else "C")
 
@@ -224,7 +247,7 @@ FUNCTIONS: dict[tuple[str, str], Callable[..., Any]] = {
     ("numpy", "_frombuffer"): _filled,
     ("numpy", "scalar"): _scalar,
     ("numpy", "dtype"): _type,
-    ("_codecs", "encode"): lambda text, *_: str(text).encode("latin-1"),  # bytes, before protocol 3
+    ("_codecs", "encode"): lambda text, *_: str.encode(text, "latin-1"),  # bytes, before protocol 3
     ("__builtin__", "bytes"): lambda *_: b"",  # likewise, of which there are none
 }
 """What functions that files name make, by package and name."""
