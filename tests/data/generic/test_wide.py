@@ -71,6 +71,7 @@ def test_repeated_columns_and_degrees_are_drafted(tmp_path: Path) -> None:
         (i24_motion, '"width": 6.0', '"width": [6.0, 6.0]', "object 1: arrays differ in length: "),
         (i24_motion, '"width": 6.0', '"width": [[6.0]]', "object 1: arrays differ in length: "),
         (i24_motion, '"width": 6.0', '"width": {"a": 1, "b": 2}', "object 1: width holds {'a': 1, 'b': 2}"),
+        (i24_motion, '"width": 6.0', '"width": {}', "object 1: width holds {}"),
         (i24_motion, '"y_position"', '"y"', "object 1: column 'y_position' is empty or nan"),
         (i24_motion, '"length": 15.0', '"length": 1e999', "object 1: column 'length' is 'inf', expected a number"),
         (songdo, "08:59:55.040", "08:59:65.040", "line 3: column 'Local_Time' is '08:59:65.040', expected a number"),

@@ -89,9 +89,10 @@ class Records(TableOfFile):
             count = next(iter(lengths.values()), 1)
             rows += count * [number]
             for name, value in values.items():
-                columns[name] += value if isinstance(value, list) else count * [value]
-                if odd := next((one for one in columns[name][-count:] if not isinstance(one, SCALARS)), None):
-                    raise InputError(f"{self.at(number)}: {name} holds {odd!s:.40}, expected numbers or texts")
+                cells = value if isinstance(value, list) else count * [value]
+                columns[name] += cells
+                if odd := [cell for cell in cells if not isinstance(cell, SCALARS)]:
+                    raise InputError(f"{self.at(number)}: {name} holds {odd[0]!s:.40}, expected numbers or texts")
         if not rows:
             raise InputError(f"{self.path}: holds no rows")
         return pd.DataFrame(columns).assign(row=rows)
