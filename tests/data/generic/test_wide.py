@@ -88,7 +88,7 @@ def test_published_tables_with_defects(
     assert f"error: {path}: {message}" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("origin", [(49.0, 8.4), (-33.9, 151.2), (64.1, -21.9)])
+@pytest.mark.parametrize("origin", [(49.0, 8.4), (-33.9, 151.2), (64.1, -21.9), (60.4, 5.3), (78.2, 15.6)])
 def test_degrees_become_metres_as_on_maps(origin: tuple[float, float]) -> None:
     pytest.importorskip("lanelet2")
     from lanelet2.core import GPSPoint

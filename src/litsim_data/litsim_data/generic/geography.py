@@ -33,14 +33,18 @@ def projected(
 
     The origin's zone holds for all. Distances are those on the ground to within 0.04 %.
     """
-    meridian = meridian_of(origin[1])
+    meridian = meridian_of(*origin)
     x, y = mercator(latitude, longitude, meridian)
     zero_x, zero_y = mercator(np.array(origin[0]), np.array(origin[1]), meridian)
     return x - zero_x, y - zero_y
 
 
-def meridian_of(longitude: float) -> float:
-    """Returns the central meridian [deg] of the zone in which a longitude [deg] is."""
+def meridian_of(latitude: float, longitude: float) -> float:
+    """Returns the central meridian [deg] of the zone in which a place [deg] is; zones of Norway are wider."""
+    if 56.0 <= latitude < 64.0 and 3.0 <= longitude < 12.0:
+        return 9.0
+    if latitude >= 72.0 and 0.0 <= longitude < 42.0:  # Svalbard: zones meet at 9, 21 and 33 degrees
+        return float(12.0 * np.floor((longitude + 3.0) / 12.0) + 3.0)
     return float(ZONE * np.floor(longitude / ZONE) + 0.5 * ZONE)
 
 

@@ -122,7 +122,7 @@ def grid_convergence(latitude: float, longitude: float) -> float:
     That of the transverse Mercator projection of a sphere, atan(tan(longitude - central meridian) sin(latitude)); the
     ellipsoid changes it by less than 0.01 degrees within a zone.
     """
-    east = math.radians(longitude - meridian_of(longitude))
+    east = math.radians(longitude - meridian_of(latitude, longitude))
     return math.atan(math.tan(east) * math.sin(math.radians(latitude)))
 
 

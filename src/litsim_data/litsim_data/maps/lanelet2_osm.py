@@ -214,7 +214,7 @@ def _points(bound: Any) -> FloatArray:
 
 def moved_to_utm(graph: LaneGraph, origin: tuple[float, float], centre: tuple[float, float]) -> LaneGraph:
     """Returns a graph that was read from `origin` (latitude, longitude), with (0, 0) at `centre` (x, y) [m] in UTM."""
-    x, y = utm(np.array(origin[0]), np.array(origin[1]), meridian_of(origin[1]))
+    x, y = utm(np.array(origin[0]), np.array(origin[1]), meridian_of(*origin))
     shift = np.array([float(x) - centre[0], float(y) - centre[1], 0.0])
     return replace(
         graph,

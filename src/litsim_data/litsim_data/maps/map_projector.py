@@ -88,7 +88,7 @@ class MapProjector(BaseModel):
             assert self.map_origin is not None
             origin = np.array(self.map_origin.latitude), np.array(self.map_origin.longitude)
             turned = self.projector_type == "TransverseMercator"
-            meridian = float(origin[1]) if turned else meridian_of(float(origin[1]))
+            meridian = float(origin[1]) if turned else meridian_of(*map(float, origin))
             x, y = mercator(latitude, longitude, meridian)
             corner_x, corner_y = map(float, mercator(*origin, meridian))
         if (far := np.abs(longitude - meridian) > EAST_MAX).any():
