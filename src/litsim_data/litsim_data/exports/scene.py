@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Iterator
 from contextlib import closing
 from itertools import groupby
@@ -20,7 +21,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_NS, Controller, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.topic_names import LIGHT_MARKERS, MARKERS_AGENTS, OBJECTS, TF, TF_STATIC
-from litsim_sim.core.vehicle import VehicleModel
+from litsim_sim.core.vehicle import HEIGHTS, VehicleModel
 from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.lane_map.signal_links import stop_line_parts
@@ -36,8 +37,6 @@ TYPES = {
     LIGHT_MARKERS: "visualization_msgs/msg/MarkerArray",
 }
 """The topics of the scene, as the live graph and `live` have them."""
-HEIGHTS = {Kind.TRUCK: 3.2, Kind.PEDESTRIAN: 1.8}  # [m]
-HEIGHT = 1.5  # [m] of all others
 LINE_STRIP, CUBE, DELETE_ALL = 4, 1, 3  # of visualization_msgs/Marker
 FLOATS, FLOAT32, UINT32, UINT8 = ("x", "y", "z", "yaw", "speed", "length", "width"), 7, 6, 2  # sensor_msgs/PointField
 RED, AMBER, GREEN, GREY = "#e61a1a", "#ffb300", "#1acc33", "#808080"
@@ -62,7 +61,6 @@ class Scene(Export):
         added = {topic: kind for topic, kind in TYPES.items() if topic not in reader.topics}
         vehicle = load_yaml(reader.attachments.get(SCENARIO_FILE, b"").decode(), str(content.path)) or {}
         rear_axle = VehicleModel.of(vehicle.get("vehicle", {})).rear_axle
-        messages = sorted(_messages(content, table, rear_axle), key=itemgetter(0))
         with replacing(out) as new, new.open("wb") as stream:
             writer = Writer(stream)
             writer.start(profile="ros2", library="litsim")
@@ -77,9 +75,9 @@ class Scene(Export):
             for name, data in reader.attachments.items():
                 writer.add_attachment(0, 0, name, "", data)
             writer.add_metadata("run", reader.metadata)
-            ours = [(at, name, data) for at, name, data in messages if name in added]
+            ours = (message for message in _messages(content, table, rear_axle) if message[1] in added)
             recorded = ((message.log_time_ns, message.topic, message.data) for message in reader.messages())
-            for at, name, data in _merged(ours, recorded):
+            for at, name, data in heapq.merge(ours, recorded, key=itemgetter(0)):  # ours before those of the same time
                 writer.add_message(channels[name], at, data, at)
                 count += name in added
             with closing(stream):
@@ -92,21 +90,8 @@ def _channel(writer: Writer, name: str, kind: str, definition: str, qos: str, ha
     return writer.register_channel(name, "cdr", schema, {"offered_qos_profiles": qos, "topic_type_hash": hashed})
 
 
-def _merged(
-    ours: list[tuple[int, str, bytes]], recorded: Iterator[tuple[int, str, bytes]]
-) -> Iterator[tuple[int, str, bytes]]:
-    """Yields both, ours before what was recorded at the same time; what is recorded keeps its order."""
-    place = 0
-    for message in recorded:
-        while place < len(ours) and ours[place][0] <= message[0]:
-            yield ours[place]
-            place += 1
-        yield message
-    yield from ours[place:]
-
-
 def _messages(content: Content, table: pd.DataFrame, rear_axle: float) -> Iterator[tuple[int, str, bytes]]:
-    """Yields the messages of a scene: log time [ns], topic, CDR."""
+    """Yields the messages of a scene in order of time: log time [ns], topic, CDR."""
     first = int(table["frame"].min())
     yield 0, TF_STATIC, _tf(0, "map", "odom", 0.0, 0.0, 0.0)
     every: Iterator[Any] = table.itertuples(index=False)
@@ -179,7 +164,7 @@ def _markers(step: int, markers: list[Any]) -> bytes:
 
 
 def _box(step: int, number: int, agent: Any) -> Any:
-    height = HEIGHTS.get(Kind(agent.kind), HEIGHT)
+    height = HEIGHTS[Kind(agent.kind)]
     place = _make("geometry_msgs/msg/Point", float(agent.x), float(agent.y), 0.5 * height)
     return _marker(
         *(step, "agents", number, CUBE),
