@@ -154,6 +154,14 @@ def test_conditions_on_entities(who: str, condition: str, start: float, tmp_path
     assert begins == pytest.approx(start, abs=0.11)
 
 
+def test_a_scenario_that_ends_at_once_tells_no_acceleration(tmp_path: Path) -> None:
+    faster = when(when_of("Ego", '<AccelerationCondition rule="lessThan" value="0.5"/>'))
+    goes = act("a", "Ego", {"e": (SPEED.format(shape="step", lasts=0, speed=5.0), faster)})
+    stop = when(AT.format(0, "greaterOrEqual"), tag="StopTrigger")
+    with pytest.raises(InputError, match="nothing says when it ends"):
+        scene_of(write(tmp_path, {"Ego": PLAIN}, {"Ego": STAND.format(world(0.0))}, goes, stop))
+
+
 def test_who_changes_lanes_because_of_another_and_what_follows_from_that(tmp_path: Path) -> None:
     """Ego goes right 20 m behind B, then drives 20 m/s; C keeps to Ego's speed; all ends as Ego is at x = 100 m."""
     change = CHANGE.format(target="<RelativeTargetLane entityRef='Ego' value='-1'/>")

@@ -128,6 +128,8 @@ class Conditions:
         """AccelerationCondition."""
         if condition.get("direction") not in (None, "longitudinal"):
             raise UnreadError(f"element {condition.tag}: direction {condition.get('direction')} is not read")
+        if len(one.speed) < 2:  # of a scenario that ends at once
+            return np.zeros(len(one.speed), np.bool_)
         return self._compared(np.gradient(one.speed, STEP_S), condition)
 
     def stand_still(self, one: Seen, condition: ET.Element) -> BoolArray:
