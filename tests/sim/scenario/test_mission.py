@@ -117,6 +117,7 @@ def test_the_route_leads_to_a_goal_whatever_the_log_does(make_scenario: Callable
     [
         ([0.0, 900.0, 0.0], "made: goal 0, 900, 0: no lane leads through it, expected a pose on a lane"),
         ([-170.0, -8.25, 0.0], "made: goal -170, -8.25, 0: no way leads there from the ego at"),
+        ([-170.0, -4.95, 0.0], "made: goal -170, -4.95, 0: no way leads there from the ego at"),  # on the lane beside
     ],
 )
 def test_a_goal_that_cannot_be_reached_is_refused(make_scenario: Any, goal: list[float], why: str) -> None:

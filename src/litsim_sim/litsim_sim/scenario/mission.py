@@ -82,7 +82,8 @@ def _to_goal(scenario: Scenario, pose: FloatArray, goal: FloatArray) -> Mission:
     end, start = int(place.lane[0]), int(begin.lane[0])
     if abs(float(place.d[0])) > ON_LANE or bool(place.against(goal[2:])[0]):
         raise InputError(f"{where}: no lane leads through it, expected a pose on a lane [m, m, rad]")
-    s, behind = float(begin.s[0]), end == int(begin.lane[0]) and float(place.s[0]) < float(begin.s[0])
+    on_edge = lane_map.lanes[end].edge_id == lane_map.lanes[start].edge_id
+    s, behind = float(begin.s[0]), on_edge and float(place.s[0]) < float(begin.s[0])
     way = [] if behind else shortest_way(lane_map, start, {end})
     if not way:
         raise InputError(f"{where}: no way leads there from the ego at {pose[0]:.1f}, {pose[1]:.1f}")
