@@ -162,10 +162,10 @@ def _widths(lines: Mapping[str, np.ndarray]) -> dict[str, float]:
         step = line[min(half + 1, len(line) - 1)] - line[max(half - 1, 0)]
         course = float(np.arctan2(step[1], step[0]))
         beside = []
-        for other in names:
-            if other == name or np.hypot(*(middles[names.index(other)] - middles[at])) > 200.0:
+        for other in np.flatnonzero(np.hypot(*(middles - middles[at]).T) <= 200.0).tolist():
+            if other == at:
                 continue
-            away = lines[other][:, :2] - middles[at]
+            away = lines[names[other]][:, :2] - middles[at]
             ahead, left = to_body(away[:, 0], away[:, 1], np.array(course))
             near = np.abs(ahead) < 1.0
             if near.any():

@@ -409,11 +409,11 @@ def _changes_table(states: StateList, source: TableFile) -> pd.DataFrame:
         table = source.read(sorted({*columns.values()}), may_be_empty=True)
         return pd.DataFrame({ours: table[theirs] for ours, theirs in columns.items()} | {"row": table["row"]})
     table = source.read(sorted({states.begin, *states.group}), may_be_empty=True)
-    each = [
+    parts = [
         pd.DataFrame({"group": name, "begin": table[states.begin], "state": table[name], "row": table["row"]})
         for name in states.group
     ]
-    return pd.concat(each, ignore_index=True)
+    return pd.concat(parts, ignore_index=True)
 
 
 def _plain(value: object) -> str:
