@@ -354,6 +354,12 @@ def test_a_measured_latency_is_that_of_each_answer_to_the_nearest_step() -> None
     assert commanded == [-20.0, -20.0, -22.0, -23.0], "160 ms are two steps, and an older answer is not taken then"
 
 
+def test_a_measured_latency_of_a_missed_step_counts_from_that_step() -> None:
+    times = iter((0.0, 0.1, 0.16, 0.2))  # two steps opened, the first answered, a third opened
+    at = EgoPort("run", VehicleModel(), latency="measured", clock=lambda: next(times))
+    assert [answered(at, 20), answered(at, 21, control(20, -20.0)), answered(at, 22)] == [0.0, 0.0, -20.0]
+
+
 @pytest.mark.parametrize("latency", ["0.25", "-0.1", "soon", "nan", "61"])
 def test_a_latency_that_is_none(latency: str) -> None:
     with pytest.raises(ValueError, match=f"latency is {latency}, expected measured, or a multiple of 0.1 s from 0 to"):

@@ -94,7 +94,8 @@ class EgoPort:
         self._driven = False
         self._invalid = ""  # text that says which answer cannot be used, and why, if the run must end for that
         self._answers = Delayed[EgoCommand | TwistTarget | Reference](latency)
-        self._clock, self._opened = clock, 0.0
+        self._clock = clock
+        self._opened: dict[int, float] = {}  # clock times [s] at which steps were opened that are not answered
         self._remarked: dict[str, int] = {}
 
     @property
@@ -121,7 +122,7 @@ class EgoPort:
             self._owed[self._step] = self._asked - self._offered
         self._step, self._ego, self._driven = step, ego, driven and ego is not None
         self._asked, self._offered, self._invalid, self.unfit = 0, 0, "", ""
-        self._opened = self._clock()
+        self._opened[step] = self._clock()
 
     def ask(self) -> None:
         """Note that the current step is published, first or again: one more answer to it is then no surplus."""
@@ -177,6 +178,8 @@ class EgoPort:
     def _accept(self, step: int, answer: Answer) -> None:
         """Take the first answer to a step, the current or a missed one."""
         self.answered = step
+        opened = self._opened.get(step, self._opened[self._step])
+        self._opened = {later: begin for later, begin in self._opened.items() if later > step}
         if step < self._step:
             self._count(
                 "late", Level.WARN, f"{self.topics[0]}: {self._described(answer)} is late by {self._step - step} steps"
@@ -199,7 +202,7 @@ class EgoPort:
         self.counts["answered"] += 1
         held = reference if isinstance(target, Trajectory) else target
         if held is not None:
-            self._answers.put(step, held, self._clock() - self._opened, self._step)
+            self._answers.put(step, held, self._clock() - opened, self._step)
 
     def _step_of(self, answer: Answer) -> int | None:
         """Returns the step that is answered; None if it is between two past steps."""
