@@ -141,6 +141,15 @@ def test_on_a_road(table: Make, make_run: Make, name: str) -> None:
     assert answer(scene(table, make_run, *motions)) == expected
 
 
+def test_an_ego_in_its_lane_does_not_answer_for_one_that_comes_head_on(table: Make, make_run: Make) -> None:
+    def comes(k: int) -> tuple[float, ...]:
+        return 200.0 - k, LEFT, np.pi, 10.0
+
+    ahead = along(100, 10)
+    assert answer(scene(table, make_run, ahead, comes)) == (Cause.WRONG_WAY, Side.OTHER, False)
+    assert answer(scene(table, make_run, comes, ahead)) == (Cause.WRONG_WAY, Side.EGO, True)
+
+
 @pytest.fixture(scope="module")
 def street() -> LaneMap:
     return LaneMap.from_net(NETS / "urban_like.net.xml")

@@ -23,6 +23,7 @@ TEXTS = {
     Cause.WALKER: "on foot or on a bicycle",
     Cause.RED_LIGHT: "{who} had passed red",
     Cause.STANDING: "{who} ran into one that stood",
+    Cause.WRONG_WAY: "{who} was on the wrong side",
     Cause.RIGHT_OF_WAY: "{who} did not give way",
     Cause.CROSSING: "their ways crossed",
     Cause.ENTERED: "{who} came from the side",

@@ -14,6 +14,7 @@ import numpy as np
 
 from litsim_eval.analysis.careful_driver import LOOK_BACK_S, OVER_S, TTC_S, CarefulDriver, hidden
 from litsim_eval.analysis.measures.collision import STOPPED_SPEED, EgoContact, Verdict
+from litsim_eval.analysis.measures.road_rules import on_wrong_side
 from litsim_eval.analysis.measures.signals import run_passages
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import AgentRows, BoolArray, FloatArray, IntArray
@@ -37,6 +38,7 @@ class Cause(StrEnum):
     WALKER = "walker"  # a pedestrian or cyclist
     RED_LIGHT = "red_light"  # one passed a stop line at red
     STANDING = "standing"  # one ran into another that had stood for TTC_S
+    WRONG_WAY = "wrong_way"  # ways cross, and one was on a lane that leads the other way
     RIGHT_OF_WAY = "right_of_way"  # one had to give way in a junction
     CROSSING = "crossing"  # ways cross, and no rule is known
     ENTERED = "entered"  # one came into the other's way from the side
@@ -140,6 +142,8 @@ class _Encounter:
         if by := self._alone(moved):
             return Cause.STANDING, by
         if self._crosses:
+            if by := self._alone(self._on_wrong_side()):
+                return Cause.WRONG_WAY, by
             if by := self._alone(self._give_way(run)):
                 return Cause.RIGHT_OF_WAY, by
             return Cause.CROSSING, Side.NEITHER
@@ -183,6 +187,14 @@ class _Encounter:
             passage.agent: passage.state for passage in run.once(run_passages) or () if begin <= passage.step <= end
         }
         return [passed.get(int(agent.id[-1])) for agent in (self.ego, self.other)]
+
+    def _on_wrong_side(self) -> list[bool]:
+        """Returns whether the ego, and the other, was on a lane against its direction at the contact."""
+        if self.lane_map is None:
+            return [False, False]
+        x, y, yaw = (np.array([getattr(of, name)[-1] for of in (self.ego, self.other)]) for name in ("x", "y", "yaw"))
+        wrong, _ = on_wrong_side(self.lane_map, x, y, yaw)
+        return wrong.tolist()
 
     def _give_way(self, run: Run) -> list[bool]:
         """Returns whether the ego, and the other, had to give way: by permissive green, or without signals by signs."""

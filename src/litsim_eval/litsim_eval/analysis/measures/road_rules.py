@@ -72,19 +72,25 @@ def over_limit(steps: Steps, ego: int, lane_map: LaneMap) -> FloatArray:
 
 
 def _against(steps: Steps, ego: int, lane_map: LaneMap) -> FloatArray:
-    """Returns how far the ego drives against the lanes outside junctions since the step before (n,) [m].
-
-    A lane in its direction that its box centre is on makes it right, such as of a road for both directions.
-    """
+    """Returns how far the ego drives against the lanes outside junctions since the step before (n,) [m]."""
     rows, table = steps.track(ego), steps.stacked
-    x, y, yaw = table.x[rows], table.y[rows], table.yaw[rows]
+    x, y = table.x[rows], table.y[rows]
+    wrong, heading = on_wrong_side(lane_map, x, y, table.yaw[rows])
+    back = -(np.diff(x, prepend=x[:1]) * np.cos(heading) + np.diff(y, prepend=y[:1]) * np.sin(heading))
+    return np.where(wrong, np.maximum(back, 0.0), 0.0)
+
+
+def on_wrong_side(lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray) -> tuple[BoolArray, FloatArray]:
+    """Returns whether box centres (n,) are on lanes outside junctions that lead the other way, and the lanes' headings.
+
+    A lane in its direction that a centre is on as well makes it right, such as of a road for both directions.
+    """
     width = np.array([lane.width for lane in lane_map.lanes])
     inside = np.array([lane.is_internal for lane in lane_map.lanes])
     own, near = lane_map.nearest(x, y, yaw), lane_map.nearest(x, y)
     right = ~own.against(yaw) & (np.abs(own.d) <= 0.5 * width[own.lane])
     on_other = near.against(yaw) & (np.abs(near.d) <= 0.5 * width[near.lane]) & ~inside[near.lane]
-    back = -(np.diff(x, prepend=x[:1]) * np.cos(near.heading) + np.diff(y, prepend=y[:1]) * np.sin(near.heading))
-    return np.where(~right & on_other, np.maximum(back, 0.0), 0.0)
+    return ~right & on_other, near.heading
 
 
 def _within_window(parts: FloatArray) -> FloatArray:
