@@ -20,6 +20,7 @@ def test_differences_from_the_end_of_the_history_on() -> None:
         "3 answers: they differ from the recorded commands: acceleration by 0.667 m/s² in the mean, 1.5 at most "
         "(at 0.4 s); yaw rate by 0 rad/s in the mean, 0 at most"
     )
+    assert sentence(result | {"unusable": 3}).endswith("at most; 3 could not be used, and those before were held")
 
 
 def test_rounding_is_no_difference_and_an_ego_on_its_log_commands_nothing() -> None:

@@ -44,8 +44,8 @@ class Difference:
 def play_into(bag: Path, command: Sequence[str], out: Path, *, overwrite: bool) -> dict[str, Any]:
     """Lets a stack answer the steps of a record, and compares its commands with the recorded ones.
 
-    The record of the answers is in `out`. Returns the number of `compared` steps and a :class:`Difference` for each of
-    HANDLED, None without a step at which both command.
+    The record of the answers is in `out`. Returns the number of `compared` steps, a :class:`Difference` for each of
+    HANDLED, None without a step to compare, and the number of `unusable` answers: those before were held.
 
     Raises:
         InputError: the record cannot be used, or the stack cannot be started.
@@ -58,7 +58,9 @@ def play_into(bag: Path, command: Sequence[str], out: Path, *, overwrite: bool) 
         arguments = launch_parser().parse_args([*options, "--set", "bridge.open_loop=true", "--", *command])
         if launch(arguments) == EXIT_FAILED:
             raise OpenLoopFailed
-    return compared(run.ego_commands, read_run(out).ego_commands, run.info.history_steps)
+    played = read_run(out)
+    unusable = int((played.summary.get("ego_port") or {}).get("invalid", 0))
+    return compared(run.ego_commands, played.ego_commands, run.info.history_steps) | {"unusable": unusable}
 
 
 class OpenLoopFailed(Exception):
@@ -122,6 +124,6 @@ def sentence(result: Mapping[str, Any]) -> str:
         where = f" (at {apart.step * STEP_S:.1f} s)" if apart.largest else ""
         parts.append(f"{name} by {apart.mean:.3g} {unit} in the mean, {apart.largest:.3g} at most{where}")
     equal = all(result[field].largest < ROUNDING for field in HANDLED)
-    return f"{result['compared']} answers: " + (
-        "equal to the recorded commands" if equal else f"they differ from the recorded commands: {'; '.join(parts)}"
-    )
+    differ = f"they differ from the recorded commands: {'; '.join(parts)}"
+    held = f"; {result['unusable']} could not be used, and those before were held" if result.get("unusable") else ""
+    return f"{result['compared']} answers: {'equal to the recorded commands' if equal else differ}{held}"
