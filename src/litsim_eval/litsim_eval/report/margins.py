@@ -31,7 +31,8 @@ def write_margins_page(margins: Mapping[str, Any], tried: Sequence[Sequence[Mapp
     scenarios = [
         scenario
         | {"text": _margin(scenario, bound), "share": 100.0 * min(1.0, (scenario["margin"] or 0.0) / bound)}
-        | {"rate_text": _rate(scenario), "map": _map(rows, bound, scenario["margin"])}
+        | {"tried": tries_text(scenario["tries"]), "rate_text": _rate(scenario)}
+        | {"map": _map(rows, bound, scenario["margin"])}
         for scenario, rows in zip(margins["scenarios"], tried, strict=True)
     ]
     page = render_page(
@@ -54,7 +55,7 @@ def _margin(scenario: Mapping[str, Any], bound: float) -> str:
     margin = scenario["margin"]
     if scenario["recorded"] != "passed":
         return f"{scenario['recorded']} as recorded"
-    return f"none found up to {bound:g} in {tries_text(scenario['tries'])}" if margin is None else f"{margin:.2f}"
+    return f"none found up to {bound:g}" if margin is None else f"{margin:.2f}"
 
 
 def tries_text(tries: Mapping[str, int]) -> str:
