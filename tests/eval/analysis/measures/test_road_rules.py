@@ -24,12 +24,12 @@ Table = Callable[..., AgentTable]
 def drive(table: Table, make_run: Any) -> Callable[..., Run]:
     """A run of an ego at these x [m], at y and speeds."""
 
-    def make(x: list[float], y: float = WA_1, speed: list[float] | float = 10.0, net: bytes = NET) -> Run:
+    def make(x: list[float], y: float = WA_1, speed: list[float] | float = 10.0, net: bytes = NET, **more: int) -> Run:
         speeds = speed if isinstance(speed, list) else [speed] * len(x)
         driven = [
             table(k, {"id": 1, "x": at, "y": y, "speed": v}) for k, (at, v) in enumerate(zip(x, speeds, strict=True))
         ]
-        return make_run(driven, net_xml=net)
+        return make_run(driven, net_xml=net, **more)
 
     return make
 
@@ -58,11 +58,13 @@ def test_a_stop_sign_asks_for_a_stop_within_five_metres_of_its_line(drive: Any) 
     assert WITH_SIGN != NET
     way = [LINE - 2.0 - 10.0 + 0.5 * k for k in range(60)]  # the front is 10 m before the line at first
 
-    def signs(speed: list[float] | float, net: bytes = WITH_SIGN) -> tuple[Any, Any]:
-        found = rules(drive(way, speed=speed, net=net))
+    def signs(speed: list[float] | float, net: bytes = WITH_SIGN, **more: int) -> tuple[Any, Any]:
+        found = rules(drive(way, speed=speed, net=net, **more))
         return found["stop_signs"], found["stop_signs_run"]
 
     stops_at = [0.0 if k == 16 else 5.0 for k in range(60)]  # 2 m before the line
     too_early = [0.0 if k == 5 else 5.0 for k in range(60)]  # 7.5 m
     assert (signs(5.0), signs(stops_at), signs(too_early)) == ((1, 1), (1, 0), (1, 1))
     assert signs(5.0, NET) == (None, None), "no net without signs passes or fails"
+    assert signs(stops_at, history_steps=19) == (1, 0), "it has stopped in the history"
+    assert signs(stops_at, history_steps=40) == (0, 0), "it passes in the history"

@@ -47,14 +47,15 @@ def rules(run: Run) -> dict[str, Any] | None:
     lane_map, ego, last = lane_map_of(run), run.info.ego_id, run.info.history_steps - 1
     if lane_map is None:
         return None
-    own, log = (_kept(steps.once(Steps.only, (ego,)).after(last), ego, lane_map) for steps in (run.steps, run.logged))
+    own, log = (_kept(steps.once(Steps.only, (ego,)), last, ego, lane_map) for steps in (run.steps, run.logged))
     return {**own, "log": log}
 
 
-def _kept(steps: Steps, ego: int, lane_map: LaneMap) -> dict[str, Any]:
+def _kept(whole: Steps, last: int, ego: int, lane_map: LaneMap) -> dict[str, Any]:
+    """Returns what is kept after step `last`, the last of the history."""
+    steps, lines = whole.after(last), stop_lines(lane_map)
     over = over_limit(steps, ego, lane_map)
-    lines = stop_lines(lane_map)
-    passed = stops_at(lines, steps, ego) if lines else None
+    passed = stops_at(lines, whole, last, ego) if lines else None
     return {
         "wrong_way_m": float(_within_window(_against(steps, ego, lane_map)).max(initial=0.0)),
         "over_limit_mps": float(over.max(initial=0.0)),
@@ -122,15 +123,16 @@ def _heading(part: FloatArray) -> float:
     return float(np.arctan2(*(part[1] - part[0])[::-1]))
 
 
-def stops_at(lines: Sequence[SignalLink], steps: Steps, ego: int) -> BoolArray:
-    """Returns for each stop line that the ego passes whether it has stopped before (c,)."""
+def stops_at(lines: Sequence[SignalLink], steps: Steps, last: int, ego: int) -> BoolArray:
+    """Returns for each stop line that the ego passes after step `last` whether it has stopped before it (c,)."""
     rows, table = steps.track(ego), steps.stacked
     x, y, yaw, speed, length = (getattr(table, name)[rows] for name in ("x", "y", "yaw", "speed", "length"))
     if not len(rows):
         return np.empty(0, np.bool_)
     passed = crossings(lines, x[None], y[None], yaw[None], length[:1], np.ones((1, len(rows)), np.bool_))
     stopped = []
-    for step, link in zip(passed.step, passed.link, strict=True):
+    after = steps.step[table.number[rows]][passed.step] > last
+    for step, link in zip(passed.step[after], passed.link[after], strict=True):
         line = lines[link]
         front_x, front_y = (at + 0.5 * length * part(yaw) for at, part in ((x, np.cos), (y, np.sin)))
         before = (line.stop[0] - front_x) * np.cos(line.heading) + (line.stop[1] - front_y) * np.sin(line.heading)
