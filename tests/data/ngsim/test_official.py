@@ -221,7 +221,7 @@ def test_a_vehicle_without_size_gets_the_usual_one(text: Path, tmp_path: Path) -
     write_text(rows, text)
     recording, _counts = only(text)
     table = recording.table
-    assert table.loc[table["vehicle_id"] == 1, "width"].unique().tolist() == [2.0]
+    assert table.loc[table["vehicle_id"] == 1, "width"].unique().tolist() == [1.9]
 
 
 # What is refused, with the line

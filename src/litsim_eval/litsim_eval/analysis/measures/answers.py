@@ -79,7 +79,7 @@ MEASURES = family(
     Count(
         "fault.of_ego",
         lambda run: sum(contact.blame.of_ego for contact in new_contacts(run)),
-        *("contacts that the ego answers for", "", LOWER),
+        *("contacts the ego answers for", "", LOWER),
         rows=KNOWN_OF_EGO,
         sentence=_text,
         moments=moments_of(answered),

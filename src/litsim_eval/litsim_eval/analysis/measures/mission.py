@@ -144,7 +144,7 @@ MEASURES = family(
     _Given(
         *("mission.progress_ratio", mission, "ego: progress along the route over its log's", "", HIGHER),
         missing=NO_RATIO,
-        rows=(Row("ego_route_progress", mean, Table.EGO, "ego: progress along the route", share=True),),
+        rows=(Row("ego_route_progress", mean, Table.EGO, "ego: progress on its route", share=True),),
     ),
     "distance that the ego drives on lanes outside junctions that are not of its route, before it comes to the goal, "
     "or to the last edge of its log; and when, onto which lane",

@@ -170,7 +170,7 @@ OWN = family(
     "largest speed over the limit of the ego's lane, and nuPlan's score: 1 where the limits are kept, 0 from a mean "
     "excess of 2.23 m/s on. Within a junction the higher limit of the lanes before and after holds",
     Measure(
-        *("rules.over_limit_mps", rules, "ego: over the speed limit", "m/s", LOWER),
+        *("rules.over_limit_mps", rules, "ego: over speed limits", "m/s", LOWER),
         rows=(Row("ego_over_limit_mps", largest, Table.EGO),),
     ),
     Share("rules.speed_score", rules, better=HIGHER),

@@ -476,7 +476,7 @@ OF_LEDGER = (
         share=True,
         of_control=True,
     ),
-    Row("own_intent", title="driving by their own intent at the end", figure=_by_own_intent, of_control=True),
+    Row("own_intent", title="by their own intent at the end", figure=_by_own_intent, of_control=True),
     Row("releases_missing", title="held to the end of the run", figure=_held_to_the_end, of_control=True),
     Row("held_s", title="time under control", unit="s", figure=_held_s, of_control=True),
     *(
