@@ -84,4 +84,28 @@ def songdo(folder: Path) -> Path:
     return path
 
 
-WRITERS: tuple[Made, ...] = (pneuma, i24_motion, citysim, songdo)
+def sind(folder: Path) -> Path:
+    rows = [
+        {
+            "track_id": number,
+            "frame_id": frame,
+            "timestamp_ms": 1000.0 * t,
+            "agent_type": "truck" if number == 3 else "car",
+            "x": 4.0 * number,
+            "y": 20.0 + speed * t,
+            "vx": 0.0,
+            "vy": speed,
+            "yaw_rad": 0.5 * np.pi,
+            "heading_rad": 0.5 * np.pi,
+            "length": 4.6,
+            "width": 1.9,
+        }
+        for number, speed in enumerate(SPEEDS, 1)
+        for frame, t in enumerate(TIMES)
+    ]
+    path = folder / "Veh_smoothed_tracks.csv"
+    pd.DataFrame(rows).to_csv(path, index=False)
+    return path
+
+
+WRITERS: tuple[Made, ...] = (pneuma, i24_motion, citysim, songdo, sind)

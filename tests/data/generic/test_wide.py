@@ -10,13 +10,14 @@ from litsim_data.cli import main
 from litsim_data.generic.draft import draft
 from litsim_data.generic.geography import projected
 from litsim_sim.scenario.recording import Recording
-from made_published import FOOT, SPEEDS, TIMES, Made, citysim, i24_motion, pneuma, songdo
+from made_published import FOOT, SPEEDS, TIMES, Made, citysim, i24_motion, pneuma, sind, songdo
 
 MADE: dict[str, tuple[Made, float, tuple[float, float]]] = {
     "pneuma": (pneuma, 0.5 * np.pi, (4.6, 1.9)),
     "i24_motion": (i24_motion, np.pi, (15.0 * FOOT, 6.0 * FOOT)),
     "citysim": (citysim, 0.0, (4.6, 1.9)),
     "songdo": (songdo, 0.5 * np.pi, (4.6, 1.9)),
+    "sind": (sind, 0.5 * np.pi, (4.6, 1.9)),
 }
 """What writes each, and the heading [rad] and size [m] of the first vehicle."""
 
