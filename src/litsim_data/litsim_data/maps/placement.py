@@ -114,7 +114,7 @@ def off_lanes(lane_map: LaneMap, x: FloatArray, y: FloatArray) -> tuple[FloatArr
     """
     place = lane_map.nearest(x, y)
     foot_x, foot_y, _ = lane_map.pose_at(place.lane, place.s)
-    half = 0.5 * np.array([lane.width for lane in lane_map.lanes])[place.lane]
+    half = 0.5 * lane_map.widths[place.lane]
     length = np.array([lane.length for lane in lane_map.lanes])[place.lane]
     distance = np.hypot(x - foot_x, y - foot_y)
     past_end = ((place.s <= 0.0) | (place.s >= length)) & (distance > np.abs(place.d) + 1e-6)

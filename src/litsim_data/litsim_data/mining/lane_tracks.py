@@ -57,7 +57,7 @@ class LaneTracks:
     def of(cls, log: Log, lane_map: LaneMap) -> LaneTracks:
         """Places the agents of `log` on the lanes of `lane_map`."""
         valid = log.valid & ~log.obstacle[:, None]  # pedestrians and cyclists do not keep to lanes
-        width = np.array([lane.width for lane in lane_map.lanes])
+        width = lane_map.widths
         lane = np.full(valid.shape, NOWHERE)
         s, d, along = (np.zeros(valid.shape) for _ in range(3))
         there = np.nonzero(valid)

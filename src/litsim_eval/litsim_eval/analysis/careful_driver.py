@@ -183,5 +183,5 @@ def risky(table: AgentRows, own: IntArray, other: IntArray, lane_map: LaneMap | 
     _, left = to_body(pairs.x[e] - pairs.x[a], pairs.y[e] - pairs.y[a], at.heading[a])
     towards = np.sign(left) * at.d[a]
     across = np.abs(left + at.d[a])  # distance from the centre of the other vehicle's lane [m]
-    width = np.array([lane.width for lane in lane_map.lanes])[at.lane[a]]
+    width = lane_map.widths[at.lane[a]]
     return risky | ((at.lane[e] != at.lane[a]) & (towards > WANDERING) & (across < NEXT_LANE * width))

@@ -81,7 +81,7 @@ class LaneLines:
 
     def width(self, lanes: IntArray) -> FloatArray:
         """Returns widths (k,) of `lanes` (k,) [m]."""
-        return self._widths[lanes]
+        return self._lane_map.widths[lanes]
 
     def inside(
         self, lanes: IntArray, rows: IntArray, places: tuple[FloatArray, FloatArray], first: IntArray, most: int
@@ -93,10 +93,6 @@ class LaneLines:
         """
         line = self.rows(lanes)  # which may change `batch`
         return _inside(self.batch, line, 0.5 * self.width(lanes), rows, places, first, most)
-
-    @cached_property
-    def _widths(self) -> FloatArray:
-        return np.array([lane.width for lane in self._lane_map.lanes])
 
     @cached_property
     def _predecessor(self) -> dict[int, int]:

@@ -77,9 +77,8 @@ class LaneMap:
         self._segments = segments_of(self.lanes)
         self._grid = grid_over(self.bounds, self._segments)
         self._lane = np.repeat(np.arange(len(self.lanes)), np.diff(self._segments.first))  # of each segment
-        self._reach = 0.5 * np.array([lane.width for lane in self.lanes])[self._lane] + TOLERANCE
-        internal = np.array([lane.is_internal for lane in self.lanes])[self._lane]
-        self._penalty = np.where(internal, INTERNAL_PENALTY, 0.0)
+        self._reach = 0.5 * self.widths[self._lane] + TOLERANCE
+        self._penalty = np.where(self.internal[self._lane], INTERNAL_PENALTY, 0.0)
         self._straightest = straightest_successors(self.lanes)
         self._straightest_rows = np.array([-1 if row is None else row for row in self._straightest], np.int64)
         self._near = directly_linked(self.lanes)
@@ -98,6 +97,16 @@ class LaneMap:
         from litsim_sim.lane_map.levels import Levels  # imported here: it needs scipy, and most nets are flat
 
         return Levels(self.lanes)
+
+    @cached_property
+    def widths(self) -> FloatArray:
+        """(lanes,) widths [m]."""
+        return np.array([lane.width for lane in self.lanes])
+
+    @cached_property
+    def internal(self) -> BoolArray:
+        """(lanes,) whether a lane is inside a junction."""
+        return np.array([lane.is_internal for lane in self.lanes])
 
     @cached_property
     def speed_limits(self) -> FloatArray:

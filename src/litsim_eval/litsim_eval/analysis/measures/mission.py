@@ -113,8 +113,7 @@ def mission(run: Run) -> dict[str, Any] | None:
 
 def _off_route(way: Way, given: Mission, lane_map: LaneMap, arrived: BoolArray) -> BoolArray:
     """Returns at which steps (n,) the ego is on a lane outside junctions and off its route, before it arrives."""
-    inside = np.array([lane.is_internal for lane in lane_map.lanes])
-    return ~given.on_route[way.lane] & ~inside[way.lane] & ~np.logical_or.accumulate(arrived)
+    return ~given.on_route[way.lane] & ~lane_map.internal[way.lane] & ~np.logical_or.accumulate(arrived)
 
 
 def _on_last_edge(way: Way, given: Mission, lane_map: LaneMap) -> BoolArray:

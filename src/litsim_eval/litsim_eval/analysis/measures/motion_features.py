@@ -182,7 +182,7 @@ def _distance_to_edge(table: AgentRows, rows: np.ndarray, lane_map: LaneMap) -> 
     corners = box_corners(table.x[rows], table.y[rows], table.yaw[rows], table.length[rows], table.width[rows])
     x, y = corners[..., 0].ravel(), corners[..., 1].ravel()
     at = lane_map.nearest(x, y)
-    half = np.array([lane.width for lane in lane_map.lanes])[at.lane] / 2
+    half = lane_map.widths[at.lane] / 2
     left_open = np.array([lane.left is None for lane in lane_map.lanes])[at.lane]
     right_open = np.array([lane.right is None for lane in lane_map.lanes])[at.lane]
     to_left = np.where(left_open, half - at.d, 20.0)

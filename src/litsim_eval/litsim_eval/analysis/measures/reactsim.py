@@ -167,7 +167,7 @@ def _backwards(steps: Steps, rows: IntArray, lane_map: LaneMap) -> BoolArray:
     before = steps.rows_at(table.number[rows] - SPAN, table.id[rows])
     x, y, yaw = table.x[rows], table.y[rows], table.yaw[rows]
     at = lane_map.nearest(x, y)
-    inside = np.array([lane.is_internal for lane in lane_map.lanes])[at.lane]
+    inside = lane_map.internal[at.lane]
     heading = at.heading.copy()
     heading[inside] = lane_map.nearest(x[inside], y[inside], yaw[inside]).heading
     along, _ = to_body(x - table.x[before], y - table.y[before], heading)

@@ -86,11 +86,10 @@ def on_wrong_side(lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArr
 
     A lane in its direction that a centre is on as well makes it right, such as of a road for both directions.
     """
-    width = np.array([lane.width for lane in lane_map.lanes])
-    inside = np.array([lane.is_internal for lane in lane_map.lanes])
+    half = 0.5 * lane_map.widths
     own, near = lane_map.nearest(x, y, yaw), lane_map.nearest(x, y)
-    right = ~own.against(yaw) & (np.abs(own.d) <= 0.5 * width[own.lane])
-    on_other = near.against(yaw) & (np.abs(near.d) <= 0.5 * width[near.lane]) & ~inside[near.lane]
+    right = ~own.against(yaw) & (np.abs(own.d) <= half[own.lane])
+    on_other = near.against(yaw) & (np.abs(near.d) <= half[near.lane]) & ~lane_map.internal[near.lane]
     return ~right & on_other, near.heading
 
 
