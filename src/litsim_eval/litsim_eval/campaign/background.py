@@ -9,7 +9,7 @@ from typing import Any
 
 from litsim_eval.campaign.case import Case
 from litsim_sim.core.installation import command
-from litsim_sim.core.parameters import Parameters, by_stage
+from litsim_sim.core.parameters import Parameters, by_place
 from litsim_sim.scenario.policies import REPLAY
 from litsim_sim.scenario.run_info import plain_values
 from litsim_sim.scenario.scenario import packaged
@@ -46,7 +46,7 @@ def background_sentences(cases: Iterable[Case]) -> list[str]:
 
 def _sentences(name: str, case: Case, kinds: Collection[str]) -> Iterator[str]:
     """Yields sentences on the background called `name`, that of `case`, one for each of the `kinds` of encounters."""
-    figures = _figures(case.policy, by_stage((*place.split(".", 1), value) for place, value in case.parameters))
+    figures = _figures(case.policy, by_place(case.parameters))
     if figures is None:
         yield f"How credible background {name} is was not measured: `{command()} credibility` does ({MORE})."
         return

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from litsim_eval.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import Parameters, by_stage
+from litsim_sim.core.parameters import Parameters, by_place
 from litsim_sim.core.stages import POLICY_STAGES
 from litsim_sim.scenario.policies import REPLAY
 from litsim_sim.scenario.run_info import EXTERNAL, plain_values, versions
@@ -102,7 +102,7 @@ class Case:
     def stage_parameters(self) -> Parameters:
         """All parameters of the run, the ego's own included, by stage and name."""
         values = {**self.ego.parameters, **dict(self.parameters)}
-        return by_stage((*name.split(".", 1), value) for name, value in values.items())
+        return by_place(values.items())
 
     def to_json(self) -> dict[str, Any]:
         """Returns the case as values for JSON; the inverse of :meth:`from_json`."""

@@ -25,7 +25,7 @@ from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, print_error
 from litsim_sim.core.installation import command
-from litsim_sim.core.parameters import by_stage
+from litsim_sim.core.parameters import by_place
 from litsim_sim.scenario.encounter_note import SPLITS
 from litsim_sim.scenario.policies import installed_setups
 from litsim_sim.simulation import configured
@@ -153,7 +153,7 @@ def setups_of(arguments: argparse.Namespace) -> tuple[Setup, ...]:
     for variant in variants(background_suite(arguments, EGO)):
         own = variant.label.split(", ")[0] in installed_setups()  # the label begins with the name of the setup
         name = ", ".join(part for part in ("" if own else variant.policy, variant.label) if part)
-        parameters = by_stage((*place.split(".", 1), value) for place, value in variant.parameters)
+        parameters = by_place(variant.parameters)
         configured(EGO, variant.policy, parameters)
         setups.append(Setup(name, variant.policy, parameters))
     return tuple(setups)

@@ -94,6 +94,11 @@ def by_stage(settings: Iterable[tuple[str, str, Any]]) -> dict[str, dict[str, An
     return parameters
 
 
+def by_place(values: Iterable[tuple[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Arranges places (STAGE.NAME) and their values as :data:`Parameters`; later ones override earlier ones."""
+    return by_stage((*place.split(".", 1), value) for place, value in values)
+
+
 def setting(text: str) -> tuple[str, str, list[Any]]:
     """Parse ``STAGE.NAME=VALUE[,VALUE]...`` of a command line to stage, name and values; values are YAML.
 

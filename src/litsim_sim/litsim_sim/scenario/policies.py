@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from litsim_sim.core import plugins
 from litsim_sim.core.parameters import Parameters as StageParameters
+from litsim_sim.core.parameters import by_place
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.scenario.scenario import packaged
@@ -62,11 +63,7 @@ class PolicySetup(BaseModel):
 
     def stage_parameters(self, given: StageParameters | None = None) -> StageParameters:
         """Returns its parameters by stage, with the `given` ones over them."""
-        own: dict[str, dict[str, Any]] = {}
-        for place, value in self.parameters.items():
-            stage, _, name = place.partition(".")
-            own.setdefault(stage, {})[name] = value
-        given = given or {}
+        own, given = by_place(self.parameters.items()), given or {}
         return {stage: {**own.get(stage, {}), **given.get(stage, {})} for stage in (*own, *given)}
 
 
