@@ -265,7 +265,7 @@ class Simulation:
         return step
 
     def _later(self, egos: tuple[EgoCommand, ...]) -> tuple[EgoCommand, ...]:
-        """Returns what of the drivers' commands is in force at the present step, by their latency."""
+        """Returns the commands in force at the present step, after the latency of the drivers' commands `egos`."""
         step, took = self.table.step, self._marks[EGO] / len(self.running)
         for number in self.running:
             self._delayed[number].put(step, egos[number], took, step)

@@ -85,7 +85,7 @@ def _scene(content: Mapping[str, Any], path: Path) -> Scene:
 
 
 def _tracks(objects: Mapping[Any, Any], times: FloatArray, path: Path) -> tuple[LoadedTable, tuple[str, ...]]:
-    """Returns the tracks of road users, and notes on what is none.
+    """Returns the tracks of road users, and a note for each kind of object that is no road user.
 
     Velocities are not used: those of some data sets are 0 throughout.
     """

@@ -58,7 +58,7 @@ def without_latency(parameters: Parameters) -> dict[str, Mapping[str, Any]]:
 
 
 class Delayed(Generic[T]):
-    """Answers that count later; of those that count, the one to the latest step is in force."""
+    """Answers that come into force after a latency; the answer in force is the due answer to the latest step."""
 
     def __init__(self, latency: str = NONE) -> None:
         """Delay answers by a latency, as :func:`latency_steps` has it."""

@@ -136,7 +136,7 @@ def _described(entry: EntryPoint) -> str:
 
 
 def stage_reader(stage: str, ego: str = "") -> Callable[[ParameterOverrides], Any]:
-    """Returns the registered function of `stage`; of the ego's stage, that of the driver called `ego`.
+    """Returns the registered function of `stage`; for the ego's stage, the function of the driver called `ego`.
 
     Raises:
         InputError: no installed package has it.

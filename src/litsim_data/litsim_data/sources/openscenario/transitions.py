@@ -119,5 +119,5 @@ def _target_lane(target: ET.Element, time: float, positions: Positions) -> int:
 
 
 def side_of(place: Place, pose: Pose) -> float:
-    """Returns 1 where the left of a pose is that of the road, -1 where it is the other side."""
+    """Returns 1 for a pose along its road, whose left is the road's left, and -1 for a pose against its road."""
     return 1.0 if math.cos(pose[2] - place.pose[2]) > 0.0 else -1.0
