@@ -16,7 +16,7 @@ from mcap.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from litsim_data.exports.export import Content, Export
-from litsim_sim.core.colours import colour_of
+from litsim_sim.core.colours import LIGHTS, colour_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_NS, Controller, Kind
 from litsim_sim.core.signals import SignalState
@@ -39,12 +39,7 @@ TYPES = {
 """The topics of the scene, as the live graph and `live` have them."""
 LINE_STRIP, CUBE, DELETE_ALL = 4, 1, 3  # of visualization_msgs/Marker
 FLOATS, FLOAT32, UINT32, UINT8 = ("x", "y", "z", "yaw", "speed", "length", "width"), 7, 6, 2  # sensor_msgs/PointField
-RED, AMBER, GREEN, GREY = "#e61a1a", "#ffb300", "#1acc33", "#808080"
-SHOWN = {
-    **dict.fromkeys((SignalState.FLASHING_RED, SignalState.RED, SignalState.RED_AMBER), RED),
-    **dict.fromkeys((SignalState.GREEN_PERMISSIVE, SignalState.GREEN), GREEN),
-    **dict.fromkeys((SignalState.AMBER_PERMISSIVE, SignalState.AMBER, SignalState.FLASHING_AMBER), AMBER),
-}
+GREY = "#808080"
 
 
 class Scene(Export):
@@ -200,7 +195,7 @@ def _lights(step: int, content: Content) -> list[Any]:
         _marker(
             *(step, "stop_lines", row, LINE_STRIP),
             scale=_make("geometry_msgs/msg/Vector3", 0.4, 0.0, 0.0),
-            color=_colour(SHOWN.get(SignalState(state), GREY)),
+            color=_make("std_msgs/msg/ColorRGBA", *LIGHTS[SignalState(state)], 1.0),
             points=[_make("geometry_msgs/msg/Point", float(x), float(y), 0.0) for x, y in line],
             text=f"{link.name} {SignalState(state).name}",
         )

@@ -11,6 +11,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from litsim_sim.core.colours import LIGHTS
 from litsim_sim.core.scene import AgentTable, FloatArray
 from litsim_sim.core.signals import SignalState
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -54,19 +55,7 @@ _CENTRE = ColorRGBA(r=0.55, g=0.55, b=0.6, a=0.6)
 _BOUNDARY = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
 _LINE_WIDTH = 0.12  # [m]
 _STOP_LINE_WIDTH = 0.4  # [m]
-_RED, _AMBER, _GREEN, _UNKNOWN = (
-    ColorRGBA(r=r, g=g, b=b, a=1.0) for r, g, b in ((0.9, 0.1, 0.1), (1.0, 0.7, 0.0), (0.1, 0.8, 0.2), (0.5, 0.5, 0.5))
-)
-_LIGHT_COLOURS = {
-    SignalState.FLASHING_RED: _RED,
-    SignalState.RED: _RED,
-    SignalState.RED_AMBER: _RED,
-    SignalState.GREEN_PERMISSIVE: _GREEN,
-    SignalState.GREEN: _GREEN,
-    SignalState.AMBER_PERMISSIVE: _AMBER,
-    SignalState.AMBER: _AMBER,
-    SignalState.FLASHING_AMBER: _AMBER,
-}
+_LIGHT_COLOURS = {state: ColorRGBA(r=r, g=g, b=b, a=1.0) for state, (r, g, b) in LIGHTS.items()}
 
 
 def objects(table: AgentTable, ego_id: int) -> PointCloud2:
@@ -120,7 +109,7 @@ def light_markers(step: int, signals: Signals | None) -> MarkerArray:
     lines = stop_line_parts(signals.links).tolist()
     for row, (link, state, line) in enumerate(zip(signals.links, states, lines, strict=True)):
         marker = Marker(header=header(step), ns="stop_lines", id=row, type=Marker.LINE_STRIP, pose=Pose())
-        marker.color, marker.scale.x = _LIGHT_COLOURS.get(state, _UNKNOWN), _STOP_LINE_WIDTH
+        marker.color, marker.scale.x = _LIGHT_COLOURS[state], _STOP_LINE_WIDTH
         marker.text, marker.points = f"{link.name} {state.name}", [Point(x=x, y=y) for x, y in line]
         markers.append(marker)
     return MarkerArray(markers=markers)
