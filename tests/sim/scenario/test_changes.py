@@ -81,6 +81,17 @@ def test_a_change_is_in_the_identity_and_in_the_text(make_scenario, tracks) -> N
     assert Scenario.from_yaml(changed.to_yaml(), "text").actors == changed.actors
 
 
+def test_a_change_without_headway_has_the_fields_of_before_and_one_with_it_stays_as_it_is(
+    make_scenario, tracks
+) -> None:
+    brake = {"kind": "brake", "agent": LEADER, "begin_s": 4.0, "duration_s": 1.0, "deceleration": 2.0}
+    waits = {"kind": "cut_in", "agent": LEADER, "begin_s": 4.0, "duration_s": 2.0, "headway_s": [0.5, 1.0]}
+    scenario = make_scenario(*tracks, history_steps=HISTORY, changes=[brake, waits])
+    assert scenario.file.changes[0].model_dump(mode="json") == brake
+    assert "from 4.0 s on, once 0.50 to 1.00 s ahead of the ego" in scenario.file.changes[1].text
+    assert Scenario.from_yaml(scenario.to_yaml(), "text").file.changes == scenario.file.changes
+
+
 def test_identities_of_before_changes_stay() -> None:
     assert RunPlan(Scenario.load("demo"), "idm", "replay").identity == DEMO_IDENTITY
 
@@ -103,6 +114,11 @@ def test_delay_is_of_the_ego_alone(make_scenario, tracks) -> None:
             "2 is there in the history, expected one that enters later",
         ),
         ({"kind": "brake", "agent": LEADER, "begin_s": 1.0}, "begin_s: 1 s, expected at least the history of 3 s"),
+        (
+            {"kind": "cross", "agent": LEADER, "begin_s": 4.0, "speed": 1.4},
+            "2 is a car, expected a pedestrian or cyclist",
+        ),
+        ({"kind": "brake", "agent": LEADER, "begin_s": 4.0, "headway_s": [2.0, 1.0]}, "headway_s"),
         ({"kind": "hide", "agent": EGO, "begin_s": 4.0, "duration_s": 1.0}, "expected another agent than the ego"),
         ({"kind": "inattentive", "agent": LEADER, "later_s": 0.25}, "multiple of 0.1"),
         ({"kind": "noise", "sigma_m": -1.0}, "sigma_m"),

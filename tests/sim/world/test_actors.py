@@ -6,14 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_sim.core.scene import AgentTable, Controller, ControlSource, ControlTable, EgoCommand
+from litsim_sim.core.scene import AgentTable, Controller, ControlSource, ControlTable, EgoCommand, Kind
 from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.world.world import World
 
-EGO, LEADER, BESIDE, LATE = 1, 2, 3, 4
+EGO, LEADER, BESIDE, LATE, WALKER = 1, 2, 3, 4, 5
 BEGIN = 10
 BRAKE = {"kind": "brake", "agent": LEADER, "begin_s": 1.0, "duration_s": 2.0, "deceleration": 3.0}
 CUT_IN = {"kind": "cut_in", "agent": BESIDE, "begin_s": 1.0, "duration_s": 2.0}
+CROSS = {"kind": "cross", "agent": WALKER, "begin_s": 1.0, "speed": 1.4}
 PACE = {"kind": "pace", "agent": LEADER, "begin_s": 1.0, "duration_s": 4.0, "factor": 0.6}
 
 
@@ -24,6 +25,7 @@ def scenario(make_scenario, track, lane_centres) -> Callable[..., Any]:
         track(LEADER, x=140.0),
         track(BESIDE, x=115.0, y=lane_centres[2]),
         track(LATE, x=60.0, first=20),
+        track(WALKER, x=170.0, y=lane_centres[1] - 7.0, yaw=np.pi / 2, speed=0.0, length=0.6, kind=Kind.PEDESTRIAN),
     )
     return lambda *changes: make_scenario(*tracks, changes=list(changes))
 
@@ -84,6 +86,49 @@ def test_an_inattentive_driver_brakes_later(scenario) -> None:
     np.testing.assert_allclose(delayed[BEGIN + 1 : BEGIN + 6], 0.0, atol=1e-9)
 
 
+def closing_in(scenario: Any, by: float) -> list[AgentTable]:
+    """Returns the steps of a run in which the ego accelerates by `by` [m/s2], up to 15 m/s."""
+    world = World(scenario, guard_entries=False)
+    tables = [world.reset()]
+    while tables[-1].step < scenario.total_steps:
+        step, speed = tables[-1].step, tables[-1].speed[tables[-1].row(EGO)]
+        tables.append(world.step(ControlTable.empty(step), EgoCommand(step, by if speed < 15.0 else 0.0)))
+    return tables
+
+
+@pytest.mark.parametrize(
+    "change",
+    [BRAKE | {"headway_s": [0.0, 2.5]}, CUT_IN | {"headway_s": [0.3, 0.8]}, CROSS | {"headway_s": [0.0, 4.0]}],
+)
+def test_waits_until_the_ego_is_near_enough(scenario, change: dict[str, Any]) -> None:
+    (least, greatest), agent = change["headway_s"], change["agent"]
+    begins = []
+    for by in (0.0, 0.5, 1.5):
+        tables = closing_in(scenario(change), by)
+        acting = [table.step for table in tables if table.controller[table.row(agent)] == Controller.POLICY]
+        if not acting:
+            continue
+        table = tables[acting[0] - 1]
+        own, other = table.row(EGO), table.row(agent)
+        room = table.x[other] - table.x[own] - 0.5 * (table.length[own] + table.length[other])
+        assert least <= room / table.speed[own] <= greatest and table.step >= BEGIN
+        begins.append(table.step)
+    assert len({*begins}) == len(begins) >= 2  # where the ego is, not when
+
+
+def test_stays_on_its_log_where_the_ego_never_comes_near(scenario) -> None:
+    tables = run(World(scenario(BRAKE | {"headway_s": [0.0, 1.0]}), guard_entries=False))
+    assert (column(tables, LEADER, "controller") == Controller.LOG).all()
+
+
+def test_a_pedestrian_crosses_until_the_run_ends(scenario) -> None:
+    tables = run(World(scenario(CROSS), guard_entries=False))
+    y, speed = column(tables, WALKER, "y"), column(tables, WALKER, "speed")
+    np.testing.assert_allclose(y[: BEGIN + 1], y[0])
+    np.testing.assert_allclose(speed[BEGIN + 8 :], 1.4, atol=1e-9)
+    np.testing.assert_allclose(np.abs(np.diff(y[BEGIN + 8 :])), 0.14, atol=1e-9)
+
+
 def test_drives_at_another_pace(scenario) -> None:
     tables = run(World(scenario(PACE), guard_entries=False))
     assert column(tables, LEADER, "speed")[BEGIN + 40] == pytest.approx(6.0, abs=0.2)
@@ -113,7 +158,8 @@ def test_overrules_the_policy_while_it_acts(scenario) -> None:
 
 
 def test_batched_scenes_have_actors_of_their_own(scenario) -> None:
-    scenarios = [scenario(BRAKE), scenario(CUT_IN), scenario()]
+    waits = CROSS | {"headway_s": [0.0, 4.0]}
+    scenarios = [scenario(BRAKE), scenario(CUT_IN), scenario(), scenario(waits)]
     alone = [run(World(each, guard_entries=False)) for each in scenarios]
     batch = BatchedScenario.of(scenarios)
     world = World(batch, guard_entries=False)
@@ -124,4 +170,4 @@ def test_batched_scenes_have_actors_of_their_own(scenario) -> None:
             np.testing.assert_array_equal(own.x, alone[scene][step].x)
             np.testing.assert_array_equal(own.controller, alone[scene][step].controller)
         if step < batch.total_steps:
-            table = world.step_batch(ControlTable.empty(step), [EgoCommand(step)] * 3)
+            table = world.step_batch(ControlTable.empty(step), [EgoCommand(step)] * 4)

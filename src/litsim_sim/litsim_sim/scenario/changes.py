@@ -1,9 +1,12 @@
 """Changes of a scenario: what one wants to know of that was not recorded, such as an agent that brakes.
 
-An agent that brakes, cuts in or out, drives at another pace or enters at another time is an *actor*: the world drives
-it off its log for a time (:mod:`litsim_sim.world.actors`), while all others react as they always do. After that it is
-the policy's, which brings it back to its log; in pure replay it returns by itself. What the ego is told of others may
-differ, too (:mod:`litsim_sim.scenario.perception`).
+An agent that brakes, cuts in or out, crosses, drives at another pace or enters at another time is an *actor*: the
+world drives it off its log for a time (:mod:`litsim_sim.world.actors`), while all others react as they always do. After
+that it is the policy's, which brings it back to its log; in pure replay it returns by itself. What the ego is told of
+others may differ, too (:mod:`litsim_sim.scenario.perception`).
+
+An act begins at a time, or later, once the agent has a headway to the ego: it happens where the ego is in the run, as
+by the conditions of OpenSCENARIO (`TimeHeadwayCondition`).
 """
 
 from __future__ import annotations
@@ -12,7 +15,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    TypeAdapter,
+    field_validator,
+    model_serializer,
+)
 
 from litsim_sim.core.geometry import smooth_step
 from litsim_sim.core.scene import STEP_S, IntArray
@@ -25,6 +36,7 @@ ENTRY_S = 5.0
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Time = Annotated[float, Field(ge=0.0, le=86_400.0, allow_inf_nan=False)]
 _Duration = Annotated[float, Field(ge=STEP_S, le=3600.0, allow_inf_nan=False)]
+_Headway = Annotated[float, Field(ge=0.0, le=60.0, allow_inf_nan=False)]
 
 
 class _Change(BaseModel):
@@ -35,6 +47,40 @@ class _Change(BaseModel):
     def text(self) -> str:
         """The change as a sentence."""
         return self.sentence.format(**dict(self))
+
+
+class _Waiting(_Change):
+    """What an agent begins at a time, or once it is so near to the ego.
+
+    Attributes:
+        begin_s: when, from step 0 on [s].
+        headway_s: least and greatest headway of the ego to the agent with which the act begins, at `begin_s` or later,
+            while the agent is where the act concerns the ego; the agent stays on its log if that never comes. None:
+            it begins at `begin_s`, wherever both are.
+    """
+
+    begin_s: _Time
+    headway_s: Annotated[tuple[_Headway, _Headway], Field(strict=False)] | None = None
+
+    @field_validator("headway_s")
+    @classmethod
+    def _ascends(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and value[0] >= value[1]:
+            raise ValueError(f"least {value[0]:g} s, greatest {value[1]:g} s, expected the least first")
+        return value
+
+    @model_serializer(mode="wrap")
+    def _without_none(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves a missing headway out: so identities stay those of versions that did not have it."""
+        return {name: value for name, value in handler(self).items() if value is not None}
+
+    @property
+    def text(self) -> str:
+        """The change as a sentence."""
+        if self.headway_s is None:
+            return super().text
+        least, greatest = self.headway_s
+        return f"{super().text}, once {least:.2f} to {greatest:.2f} s ahead of the ego"
 
 
 class _Act(_Change):
@@ -51,8 +97,8 @@ class _Act(_Change):
     duration_s: _Duration
 
 
-class Brake(_Act):
-    """An agent brakes on its logged path.
+class Brake(_Waiting, _Act):
+    """An agent brakes on its logged path; it waits for an ego behind it in its lane.
 
     Attributes:
         deceleration: how hard [m/s2].
@@ -63,19 +109,19 @@ class Brake(_Act):
     deceleration: Annotated[_Finite, Field(gt=0.0, le=8.0)]
 
 
-class LaneChange(_Act):
+class LaneChange(_Waiting, _Act):
     """An agent changes to a lane beside it, at the speed of its log, and stays there for as long again."""
 
 
 class CutIn(LaneChange):
-    """A change to the lane on the ego's side."""
+    """A change to the lane on the ego's side; the agent waits for an ego behind it in the lane beside."""
 
     kind: Literal["cut_in"]
     sentence = "{agent} cuts in within {duration_s:.1f} s from {begin_s:.1f} s on"
 
 
 class CutOut(LaneChange):
-    """A change to the lane to the left, or where there is none to the right."""
+    """A change to the lane to the left, or where there is none to the right; it waits as :class:`Brake` does."""
 
     kind: Literal["cut_out"]
     sentence = "{agent} cuts out within {duration_s:.1f} s from {begin_s:.1f} s on"
@@ -91,6 +137,20 @@ class Pace(_Act):
     kind: Literal["pace"]
     sentence = "{agent} drives at {factor:.2f} times its recorded speed for {duration_s:.1f} s from {begin_s:.1f} s on"
     factor: Annotated[_Finite, Field(ge=0.0, le=3.0)]
+
+
+class Cross(_Waiting):
+    """A pedestrian or cyclist goes straight on until the run ends; it waits for an ego that it is in front of.
+
+    Attributes:
+        agent: its id.
+        speed: that it takes up [m/s].
+    """
+
+    kind: Literal["cross"]
+    sentence = "{agent} crosses at {speed:.1f} m/s from {begin_s:.1f} s on"
+    agent: int
+    speed: Annotated[_Finite, Field(gt=0.0, le=10.0)]
 
 
 class Hide(_Act):
@@ -194,7 +254,7 @@ class Noise(_Change):
     sigma_m: Annotated[_Finite, Field(ge=0.0, le=20.0)]
 
 
-Act = Brake | CutIn | CutOut | Pace | Enter | Inattentive
+Act = Brake | CutIn | CutOut | Pace | Cross | Enter | Inattentive
 """Changes by which an agent is an actor."""
 OfAgent = Act | Hide | Start
 OfAll = SignalsLater | Delay | Noise

@@ -10,7 +10,7 @@ import numpy as np
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, BoolArray, Kind
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.scenario.changes import Enter, Inattentive, OfAll, Start
+from litsim_sim.scenario.changes import Cross, Enter, Inattentive, OfAll, Start
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario_file import ScenarioFile
 
@@ -72,8 +72,9 @@ def check_changes(file: ScenarioFile, log: Log, history_steps: int, where: str) 
         row, fault = log.row(change.agent), ""
         if row < 0:
             fault = f"agent: no agent {change.agent} in these steps"
-        elif log.obstacle[row]:
-            fault = f"agent: {change.agent} is a {Kind(int(log.kind[row])).name.lower()}, expected a vehicle"
+        elif log.obstacle[row] != isinstance(change, Cross):
+            expected = "a pedestrian or cyclist" if isinstance(change, Cross) else "a vehicle"
+            fault = f"agent: {change.agent} is a {Kind(int(log.kind[row])).name.lower()}, expected {expected}"
         elif (change.agent == file.ego) != isinstance(change, Start):
             expected = "the ego" if isinstance(change, Start) else "another agent than the ego"
             fault = f"agent: {change.agent}, expected {expected}"

@@ -10,9 +10,10 @@ import numpy as np
 
 from litsim_sim.core.geometry import arc_lengths, smooth_step, to_body
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable, FloatArray
-from litsim_sim.scenario.changes import ENTRY_S, Brake, CutIn, Enter, Inattentive, LaneChange, Pace
+from litsim_sim.scenario.changes import ENTRY_S, Brake, Cross, CutIn, Enter, Inattentive, LaneChange, Pace
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
+from litsim_sim.world.places import headways, places
 
 REACH_S, REACH_MIN = 1.0, 4.0  # [s], [m] to the pursued point of a path
 SPEED_GAIN = 1.0  # [1/s] acceleration per difference to the wanted speed
@@ -38,8 +39,8 @@ class Actors:
             controls = late.delayed(table, controls)
         commands: dict[int, tuple[float, float]] = {}
         for actor in self._actors:
-            row = table.row(actor.agent) if actor.acts_at(table.step) else -1
-            if row >= 0 and not table.of_ego[row]:
+            row = table.row(actor.agent)
+            if row >= 0 and not table.of_ego[row] and actor.acts_at(table, row):
                 command = actor.command(table, row)
                 if command is not None:
                     commands[row] = command
@@ -75,23 +76,38 @@ class _Late:
 class _Actor:
     """One agent and what it does."""
 
-    def __init__(self, scenario: Setting, agent: int, act: Brake | LaneChange | Pace | Enter) -> None:
+    def __init__(self, scenario: Setting, agent: int, act: Brake | LaneChange | Pace | Cross | Enter) -> None:
         log: Log = scenario.log
         self.agent, self._act, self._scenario = agent, act, scenario
         self._row = row = log.row(agent)
-        begin, duration = int(log.first_step[row]) + 1, ENTRY_S
-        if not isinstance(act, Enter):
-            begin = round(act.begin_s / STEP_S)
-            duration = act.duration_s * (2.0 if isinstance(act, LaneChange) else 1.0)
-        self._begin, self._end = begin, begin + round(duration / STEP_S)
+        self._begin = int(log.first_step[row]) + 1 if isinstance(act, Enter) else round(act.begin_s / STEP_S)
+        self._steps = _duration_s(act) / STEP_S
+        self._headway_s = None if isinstance(act, Pace | Enter) else act.headway_s  # that it still waits for
         valid = log.valid[row]
         self._logged = np.column_stack([log.x[row, valid], log.y[row, valid]])
         self._logged_speed = log.speed[row, valid]
         self._path: FloatArray | None = None if isinstance(act, LaneChange) else self._logged
 
-    def acts_at(self, step: int) -> bool:
-        """Returns whether it acts at `step`."""
-        return self._begin <= step < self._end
+    def acts_at(self, table: AgentTable, row: int) -> bool:
+        """Returns whether it acts at the step of `table`, in whose `row` it is; once it is near enough it begins."""
+        if self._headway_s is not None:
+            if table.step < self._begin or not self._is_near(table, row, *self._headway_s):
+                return False
+            self._begin, self._headway_s = table.step, None
+        return self._begin <= table.step < self._begin + self._steps
+
+    def _is_near(self, table: AgentTable, row: int, least_s: float, greatest_s: float) -> bool:
+        """Returns whether it is where its act concerns the ego of its scene, and the ego's headway is in bounds."""
+        egos = (table.of_ego & (table.scene == table.scene[row])).nonzero()[0]
+        if not len(egos):
+            return False
+        x, y, yaw = (getattr(table, name) for name in ("x", "y", "yaw"))
+        place = places(x[row] - x[egos], y[row] - y[egos], yaw[row], yaw[egos])
+        there = place.beside if isinstance(self._act, CutIn) else place.leading
+        if isinstance(self._act, Cross):
+            there = place.in_front
+        (headway,) = headways(place.ahead, table.length[row], table.length[egos], table.speed[egos])
+        return bool(there[0] and least_s <= headway <= greatest_s)
 
     def command(self, table: AgentTable, row: int) -> tuple[float, float] | None:
         """Returns acceleration [m/s2] and yaw rate [rad/s] of the agent in `row`; None where it cannot act."""
@@ -100,6 +116,8 @@ class _Actor:
             self._path = self._lane_change(table, row)
         if self._path is None:
             return None
+        if isinstance(self._act, Cross):
+            return min((self._act.speed - speed) / STEP_S, ACCELERATION_MAX), 0.0
         nearest = int(np.hypot(self._path[:, 0] - x, self._path[:, 1] - y).argmin())
         target = _polyline_at(self._path[nearest:], max(REACH_MIN, REACH_S * speed))
         away = math.hypot(target[0] - x, target[1] - y)
@@ -141,6 +159,13 @@ class _Actor:
         u = np.clip(marks / (self._act.duration_s * max(float(table.speed[row]), 3.0)), 0.0, 1.0)
         still = (float(at.d[0]) - offset) * (1.0 - smooth_step(u))  # [m] left of the new lane's centre
         return np.asarray(points + still[:, None] * normal, np.float64)
+
+
+def _duration_s(act: Brake | LaneChange | Pace | Cross | Enter) -> float:
+    """Returns the time for which an agent acts [s]."""
+    if isinstance(act, Enter | Cross):
+        return ENTRY_S if isinstance(act, Enter) else math.inf
+    return act.duration_s * (2.0 if isinstance(act, LaneChange) else 1.0)
 
 
 def _polyline_at(points: FloatArray, s: float) -> FloatArray:
