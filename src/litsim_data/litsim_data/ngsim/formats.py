@@ -47,16 +47,16 @@ NAMES: dict[str, tuple[str, ...]] = {
 """Names of columns in headers, by our names; case and punctuation are ignored."""
 
 URBAN = ("o_zone", "d_zone", "intersection", "section", "direction", "movement")
-OPTIONAL = (*URBAN, "preceding", "following", "space_headway", "time_headway", "total_frames")
-"""Columns that may be absent or empty; in integer columns -1 is unknown."""
+UNUSED = (*URBAN, "preceding", "following", "space_headway", "time_headway", "total_frames")
+"""Columns that are not read, and may be absent."""
 
 MOTORWAY_COLUMNS = tuple(name for name in NAMES if name not in URBAN and name != "location")
 STREET_COLUMNS = tuple(name for name in NAMES if name != "location")
 TEXT_COLUMNS = {len(columns): columns for columns in (MOTORWAY_COLUMNS, STREET_COLUMNS)}
-REQUIRED = tuple(name for name in MOTORWAY_COLUMNS if name not in OPTIONAL)
+REQUIRED = tuple(name for name in MOTORWAY_COLUMNS if name not in UNUSED)
 
-FEET = ("local_x", "local_y", "global_x", "global_y", "length", "width", "speed", "acceleration", "space_headway")
-WHOLE = ("vehicle_id", "frame", "total_frames", "time_ms", "vehicle_class", "lane", *URBAN, "preceding", "following")
+FEET = ("local_x", "local_y", "global_x", "global_y", "length", "width", "speed", "acceleration")
+WHOLE = ("vehicle_id", "frame", "time_ms", "vehicle_class", "lane")
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ import pyarrow.csv as pcsv
 from tqdm import tqdm
 
 from litsim_data.generic.mapping import FOOT
-from litsim_data.ngsim.formats import FEET, NAMES, OPTIONAL, WHOLE, Layout, detect, is_number
+from litsim_data.ngsim.formats import FEET, NAMES, REQUIRED, WHOLE, Layout, detect, is_number
 from litsim_data.ngsim.sites import SITES, site_at, site_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
@@ -26,7 +26,7 @@ LENGTHS_IN_FEET = (8.0, 45.0)  # [ft] plausible range of the median length of ve
 LENGTHS_IN_METRES = (2.5, 8.0)  # the same in [m]
 
 
-def row_error(path: Path | str, lines: IntArray, bad: BoolArray, what: str) -> InputError:
+def row_error(path: Path, lines: IntArray, bad: BoolArray, what: str) -> InputError:
     """Returns an error that `what` is wrong with the first of the `bad` rows (n,); it has the number of the others.
 
     At least one is bad; `lines` (n,) are the line numbers of all rows.
@@ -49,18 +49,16 @@ def layout_of(path: Path) -> Layout:
     return layout
 
 
-def blocks(path: Path, wanted: Sequence[str]) -> Iterator[pd.DataFrame]:
+def blocks(path: Path) -> Iterator[pd.DataFrame]:
     """Yields the rows of an official file in its order, block by block, with a bar on a terminal.
 
-    Columns are those `wanted` that the file has, by our names and in SI units, time and positions among them, and
-    `site`, the index in ``SITES``, and `line`.
+    Columns are ``REQUIRED``, by our names and in SI units, `site`, the index in ``SITES``, and `line`.
 
     Raises:
         InputError: it is not an official file, a line cannot be read, units are not NGSIM's, or a site is unknown.
     """
     layout = layout_of(path)
-    needed = {*wanted, "time_ms", "global_x", "global_y", "length", "location"}
-    names = [name for name in layout.columns if name in needed]
+    names = [name for name in layout.columns if name in (*REQUIRED, "location")]
     line, site, first = layout.line, None, True
     with (
         path.open("rb") as file,
@@ -77,9 +75,7 @@ def blocks(path: Path, wanted: Sequence[str]) -> Iterator[pd.DataFrame]:
             rows = {name: _numbers(path, table.column(name), name, lines) for name in names if name != "location"}
             if first:
                 _check_units(path, layout, rows["length"])
-            for name in FEET:
-                if name in rows:
-                    rows[name] = rows[name] * FOOT
+            rows |= {name: rows[name] * FOOT for name in FEET}
             if "location" in names:
                 rows["site"] = _located(path, table.column("location"), lines)
             else:
@@ -134,10 +130,10 @@ def _line_numbers(path: Path, data: bytes, line: int, rows: int) -> IntArray:
 
 
 def _numbers(path: Path, texts: pa.ChunkedArray, name: str, lines: IntArray) -> np.ndarray:
-    """Returns a column of text as numbers (n,): int64 with -1 for unknown ones, or float64 with NaN.
+    """Returns a column of text as numbers (n,), int64 or float64.
 
     Raises:
-        InputError: a cell is not a number, not an integer, or empty where it must not be.
+        InputError: a cell is not a number, not an integer, or empty.
     """
     plain = pc.replace_substring(pc.utf8_trim_whitespace(texts), ",", "")
     plain = pc.if_else(pc.is_in(plain, UNKNOWN), None, plain)
@@ -147,11 +143,8 @@ def _numbers(path: Path, texts: pa.ChunkedArray, name: str, lines: IntArray) -> 
         bad = np.array([text is not None and not is_number(text) for text in plain.to_pylist()])
         cell = texts[int(np.argmax(bad))].as_py()
         raise row_error(path, lines, bad, f"column {NAMES[name][0]} is {cell!r}, no number") from None
-    unknown = ~np.isfinite(values)
-    if unknown.any():
-        if name not in OPTIONAL:
-            raise row_error(path, lines, unknown, f"column {NAMES[name][0]} is empty or not finite")
-        values = np.where(unknown, -1.0 if name in WHOLE else np.nan, values)
+    if (unknown := ~np.isfinite(values)).any():
+        raise row_error(path, lines, unknown, f"column {NAMES[name][0]} is empty or not finite")
     if name not in WHOLE:
         return np.asarray(values, np.float64)
     with np.errstate(invalid="ignore"):  # values beyond int64 differ after the cast
@@ -196,17 +189,11 @@ def _first_site(path: Path, layout: Layout, rows: dict[str, np.ndarray], lines: 
     Raises:
         InputError: it is at none.
     """
-    first = (float(rows[name][0]) for name in ("time_ms", "global_x", "global_y"))
-    site = site_of(*first, urban="direction" in layout.columns)
+    time_ms, x, y = (float(rows[name][0]) for name in ("time_ms", "global_x", "global_y"))
+    site = site_of(time_ms, x, y, urban="direction" in layout.columns)
     if site is None:
-        raise _position_error(path, rows, lines, np.ones(len(lines), np.bool_))
+        metric = any(other.holds(np.array([x / FOOT]), np.array([y / FOOT]))[0] for other in SITES.values())
+        guess = "; these are metres: NGSIM is published in feet, use the generic import" if metric else ""
+        where = f"{x / FOOT:.1f}, {y / FOOT:.1f}, at no NGSIM site in feet of the State Plane{guess}"
+        raise row_error(path, lines, np.ones(len(lines), np.bool_), f"Global_X, Global_Y are {where}")
     return list(SITES).index(site.name)
-
-
-def _position_error(path: Path | str, rows: dict[str, np.ndarray], lines: IntArray, bad: BoolArray) -> InputError:
-    at = int(np.argmax(bad))
-    x, y = (float(rows[name][at]) / FOOT for name in ("global_x", "global_y"))
-    metric = any(site.holds(np.array([x]), np.array([y]))[0] for site in SITES.values())
-    guess = "; these are metres: NGSIM is published in feet, use the generic import" if metric else ""
-    what = f"Global_X, Global_Y are {x:.1f}, {y:.1f}, at no NGSIM site in feet of the State Plane{guess}"
-    return row_error(path, lines, bad, what)

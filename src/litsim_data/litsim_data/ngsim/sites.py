@@ -35,7 +35,6 @@ class Site:
         global_anchor: a point [m] in the State Plane zone.
         map_anchor: the same point [m] in frame map.
         urban: whether it is a street with intersections.
-        net: file name of the SUMO net in this frame.
     """
 
     name: str
@@ -48,7 +47,11 @@ class Site:
     global_anchor: tuple[float, float]
     map_anchor: tuple[float, float]
     urban: bool
-    net: str
+
+    @property
+    def net(self) -> str:
+        """File name of the SUMO net in this frame."""
+        return f"{self.name}.net.xml"
 
     def map_from_global(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns x, y (n,) [m] in frame map of positions `x`, `y` (n,) [m] in the State Plane zone."""
@@ -87,7 +90,6 @@ US101 = Site(
     global_anchor=(1966511.071, 570797.706),
     map_anchor=(297.468, -9.641),
     urban=False,
-    net="us101.net.xml",
 )
 I80 = Site(
     name="i80",
@@ -102,7 +104,6 @@ I80 = Site(
     global_anchor=(6042832.6 * FOOT, 2133067.4 * FOOT),
     map_anchor=(0.0, 0.0),
     urban=False,
-    net="i80.net.xml",
 )
 LANKERSHIM = Site(
     name="lankershim",
@@ -116,7 +117,6 @@ LANKERSHIM = Site(
     global_anchor=(6452059.0 * FOOT, 1873180.8 * FOOT),
     map_anchor=(0.0, 0.0),
     urban=True,
-    net="lankershim.net.xml",
 )
 PEACHTREE = Site(
     name="peachtree",
@@ -130,7 +130,6 @@ PEACHTREE = Site(
     global_anchor=(2230849.0 * FOOT, 1376809.0 * FOOT),
     map_anchor=(0.0, 0.0),
     urban=True,
-    net="peachtree.net.xml",
 )
 
 SITES: dict[str, Site] = {site.name: site for site in (US101, I80, LANKERSHIM, PEACHTREE)}

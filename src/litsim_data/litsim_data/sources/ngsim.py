@@ -29,7 +29,7 @@ from litsim_data.generic.mapping import Check, Mapping
 from litsim_data.ngsim import formats, windows
 from litsim_data.ngsim.periods import Clocks, Period
 from litsim_data.ngsim.reading import blocks
-from litsim_data.ngsim.sites import EXTENT, Site
+from litsim_data.ngsim.sites import EXTENT
 from litsim_data.sources.source import ReadySource, Scene, Source
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
@@ -131,7 +131,7 @@ def _sort_by_clock(source: Path, folder: Path, clocks: Clocks) -> None:
     writers: dict[int, pq.ParquetWriter] = {}
     try:
         with ExitStack() as opened:
-            for rows in blocks(source, formats.REQUIRED):
+            for rows in blocks(source):
                 index = clocks.assign(rows, str(source))
                 for clock in np.unique(index).tolist():
                     table = pa.Table.from_pandas(rows[index == clock].drop(columns="site"), preserve_index=False)
@@ -148,6 +148,7 @@ def _sort_by_clock(source: Path, folder: Path, clocks: Clocks) -> None:
 def _meaning(period: Period) -> Mapping:
     """Returns the mapping of the rows of a recording: from metres of the State Plane to frame map of its site."""
     site = period.site
+    axes = zip(("global_x", "global_y"), site.global_anchor, strict=True)
     (x,), (y,) = site.map_from_global(np.zeros(1), np.zeros(1))
     fields = {
         "name": period.name,
@@ -156,17 +157,11 @@ def _meaning(period: Period) -> Mapping:
         "reference": "front_centre",
         "transform": {"yaw_deg": float(np.rad2deg(site.yaw)), "x": float(x), "y": float(y)},
         "kinds": KINDS,
-        "rows": _on_site(site),
+        "rows": {axis: {"min": middle - EXTENT, "max": middle + EXTENT} for axis, middle in axes},  # on the site
         "clean": True,
         "accept": get_args(Check),  # what is published is what it is
     }
     return Mapping.model_validate(fields)
-
-
-def _on_site(site: Site) -> dict[str, dict[str, float]]:
-    """Returns the rows to keep: those whose positions are on the site."""
-    axes = zip(("global_x", "global_y"), site.global_anchor, strict=True)
-    return {axis: {"min": middle - EXTENT, "max": middle + EXTENT} for axis, middle in axes}
 
 
 def _citation(period: Period) -> str:
