@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.cleaning.cleaning import smoothed
-from litsim_data.cleaning.noise import HARSH, Noise
+from litsim_data.cleaning.noise import HARSH, HARSH_SHARE, Noise
 from litsim_data.cleaning.report import overlaps
 from litsim_data.generic.checks import check_plausible, off_their_motion
-from litsim_data.generic.counts import Counts
+from litsim_data.generic.counts import SHOWN, Counts
 from litsim_data.generic.headings import direction_of_motion, headings
-from litsim_data.generic.heights import levels
+from litsim_data.generic.heights import tell_levels
 from litsim_data.generic.kinds import without_dropped_kinds
 from litsim_data.generic.mapping import Mapping
 from litsim_data.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
@@ -35,7 +35,7 @@ from litsim_data.generic.wide import open_tables
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray, Kind
+from litsim_sim.core.scene import RATE_HZ, STEP_S, BoolArray, FloatArray, IntArray, Kind
 from litsim_sim.io.table_input import TableFiles
 from litsim_sim.scenario.recording import BOUNDS, COLUMNS, Recording, RecordingHeader
 
@@ -68,35 +68,31 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
     table, names = in_si(without_unused(raw_table), mapping, source)
     check_clock(table, source)
     table = in_order(table, source, counts)
-    counts.levels = levels(table, source)
+    _tell_what_is_left_open(table, mapping, counts)
     walking = obstacle_rows(table)
-    counts.off_motion = [] if "heading" in mapping.accept else off_their_motion(table[~walking], mapping)
-    off = table["vehicle_id"].isin(counts.off_motion)
-    if "speed" in table:
-        table = table.assign(speed=table["speed"].mask(off, table["speed"].abs()))
-    counts.accepted = check_plausible(table[~(walking | off)], mapping, str(source))
-    if "speed" in table:  # below 0 of reversing vehicles, or of noise around 0
-        counts.backwards = int((table["speed"] < 0.0).sum())
-        table = table.assign(speed=table["speed"].clip(lower=0.0))
-    table = with_usual_sizes(table, mapping, counts)
-    columns = mapping.columns
-    counts.kindless = int(table["vehicle_id"].nunique()) if columns.kind is None else 0
-    if isinstance(columns.length, float) or isinstance(columns.width, float):
-        other = table["kind"].isin([Kind.TRUCK, Kind.MOTORCYCLE])
-        counts.of_one_size = int(table.loc[other, "vehicle_id"].nunique())
-    table = without_outliers(table, source, counts)
+    off_motion = [] if "heading" in mapping.accept else off_their_motion(table[~walking], mapping)
+    off = table["vehicle_id"].isin(off_motion)
+    if off_motion:
+        counts.tell(
+            "headings",
+            f"{len(off_motion)} vehicles drive off their heading for 15 m and more, such as "
+            f"{', '.join(map(str, off_motion[:SHOWN]))}: their headings follow from the motion",
+            headings_from_motion=off_motion,
+        )
+    table = _with_plausible_speeds(table, walking, off, mapping, source, counts)
+    table = without_outliers(with_usual_sizes(table, mapping, counts), source, counts)
+    tell_levels(table, source, counts)
     count_leaps(table[~obstacle_rows(table)], source, counts)
-    count_turns(table[~(obstacle_rows(table) | table["vehicle_id"].isin(counts.off_motion))], source, counts)
-    table = _along_motion(resampled(split(table, counts), source, counts), mapping, counts)
+    count_turns(table[~(obstacle_rows(table) | table["vehicle_id"].isin(off_motion))], source, counts)
+    table = _along_motion(resampled(split(table, counts), source, counts), mapping, off_motion)
     moving = _with_motion(table, mapping)
     _check_walking(moving[obstacle_rows(moving)], names.get("ids", {}), source)
     mapping, moving = _cleaned_if_noisy(table, moving, mapping, source, counts)
     walking = obstacle_rows(moving)
-    driving, counts.joined, counts.towed = joined(moving[~walking])
+    driving = joined(moving[~walking], counts)
+    _tell_overlaps(driving, counts)
     moving = pd.concat([driving, moving[walking]])
     counts.rows = len(moving)
-    frames = overlaps(driving)
-    counts.overlaps = {pair: count * STEP_S for pair, count in frames.items() if count >= OVERLAP_S * RATE_HZ}
     header = RecordingHeader(
         name=mapping.name,
         source=mapping.source,
@@ -111,6 +107,57 @@ def convert(tables: Path | Sequence[Path] | TableFiles, mapping: Mapping) -> tup
         },
     )
     return Recording.from_table(header, moving[list(COLUMNS)], f"{source}, brought to 10 Hz"), counts
+
+
+def _tell_what_is_left_open(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> None:
+    """Tells which vehicles the mapping gives no kind, or a size that holds for all."""
+    columns = mapping.columns
+    if columns.kind is None:
+        counts.tell(
+            "unknown",
+            f"{table['vehicle_id'].nunique()} vehicles, as the mapping has no field columns.kind: pedestrians and "
+            "cyclists among them, too, are vehicles then",
+        )
+    of_one_size = isinstance(columns.length, float) or isinstance(columns.width, float)
+    other = table.loc[table["kind"].isin([Kind.TRUCK, Kind.MOTORCYCLE]), "vehicle_id"].nunique()
+    if of_one_size and other:
+        counts.tell(
+            "sizes",
+            f"{other} trucks or motorcycles have the size of all vehicles that fields columns.length and columns.width "
+            "of the mapping give as numbers",
+        )
+
+
+def _with_plausible_speeds(
+    table: pd.DataFrame, walking: BoolArray, off: pd.Series, mapping: Mapping, source: TableFiles, counts: Counts
+) -> pd.DataFrame:
+    """Returns `table` with speeds from 0 on; of vehicles `off` their headings by their magnitudes.
+
+    Raises:
+        InputError: the motion of vehicles is implausible.
+    """
+    if "speed" in table:
+        table = table.assign(speed=table["speed"].mask(off, table["speed"].abs()))
+    for accepted in check_plausible(table[~(walking | off)], mapping, str(source)):
+        counts.tell("accepted", accepted)
+    if "speed" not in table:
+        return table
+    if backwards := int((table["speed"] < 0.0).sum()):
+        text = f"{backwards} rows below 0, of reversing or standing vehicles, became 0"
+        counts.tell("speeds", text, rows_backwards=backwards)
+    return table.assign(speed=table["speed"].clip(lower=0.0))
+
+
+def _tell_overlaps(driving: pd.DataFrame, counts: Counts) -> None:
+    """Tells which vehicles overlap for OVERLAP_S or more."""
+    if pairs := {pair: count for pair, count in overlaps(driving).items() if count >= OVERLAP_S * RATE_HZ}:
+        first, second = max(pairs, key=lambda pair: pairs[pair])
+        counts.tell(
+            "overlaps",
+            f"{len(pairs)} pairs of vehicles overlap for a second or more, above all {first} and {second} for "
+            f"{pairs[first, second] * STEP_S:.1f} s: is one of them there twice, or are sizes too large?",
+            pairs_that_overlap=len(pairs),
+        )
 
 
 def _cleaned_if_noisy(
@@ -130,11 +177,18 @@ def _cleaned_if_noisy(
     ahead = -AHEAD[mapping.reference]
     cleaned = smoothed(raw, ahead=ahead, measured="yaw" in table).sort_values(["vehicle_id", "frame"])
     way = _moved(raw, cleaned, ahead)
-    most = way.groupby(level=0).max()
-    far = most[most > FAR]
-    counts.moved = dict(zip(far.index.tolist(), far.tolist(), strict=True))
     if mapping.clean is None:
-        counts.noisy = noise.described(Noise.of(cleaned), float(way.median()))
+        text = noise.described(Noise.of(cleaned), float(way.median()))
+        counts.tell("noisy", f"cleaned: {text}", noise=text)
+    most = way.groupby(level=0).max()
+    far = most[most > FAR].sort_values(ascending=False, kind="stable")
+    if len(far):
+        ways = ", ".join(f"{vehicle} by {moved:.1f} m" for vehicle, moved in far.head(SHOWN).items())
+        counts.tell(
+            "cleaned",
+            f"{len(far)} vehicles are moved by more than 1 m, above all {ways}: do they reverse?",
+            moved_by_cleaning_m={str(vehicle): round(moved, 2) for vehicle, moved in far.items()},
+        )
     return mapping.model_copy(update={"clean": True}), pd.concat([cleaned, moving[walking]])
 
 
@@ -144,14 +198,16 @@ def _check_rough(table: pd.DataFrame, moving: pd.DataFrame, source: TableFiles, 
     Raises:
         RoughMotionError: accelerations that are derived are impossible.
     """
-    harsh = np.abs(moving["acceleration"].to_numpy()[~obstacle_rows(moving)]) > HARSH
-    counts.harsh = float(harsh.mean())
+    harsh = float((np.abs(moving["acceleration"].to_numpy()[~obstacle_rows(moving)]) > HARSH).mean())
+    if harsh > HARSH_SHARE:
+        share = f"{harsh:.0%} of the accelerations are beyond 5 m/s2"
+        counts.tell("rough", f"{share}: field clean of the mapping, set to true, smooths positions")
     if (np.abs(moving["acceleration"]) <= BOUNDS["acceleration"][1]).all() or "acceleration" in table:
         return
-    leap = f"; {counts.leaps} leaps, at most {counts.farthest_leap}, it would not" if counts.leaps else ""
+    leap = f"; {counts.leaps}, it would not" if counts.leaps else ""
     raise RoughMotionError(
         f"{source}: accelerations derived from the file reach "
-        f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {counts.harsh:.1%} of the "
+        f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {harsh:.1%} of the "
         f"rows: field clean of the mapping, set to true, smooths such positions{leap}"
     )
 
@@ -164,9 +220,9 @@ def _headings(table: pd.DataFrame, mapping: Mapping) -> FloatArray:
     return headings(vehicle, x, y, lever)
 
 
-def _along_motion(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.DataFrame:
+def _along_motion(table: pd.DataFrame, mapping: Mapping, off_motion: list[int]) -> pd.DataFrame:
     """Returns `table`, rows of 10 Hz, where headings of vehicles that are off their motion follow from it."""
-    off = (table["vehicle_id"] % PIECE).isin(counts.off_motion)
+    off = (table["vehicle_id"] % PIECE).isin(off_motion)
     if not off.any():
         return table
     return table.assign(yaw=table["yaw"].mask(off, pd.Series(_headings(table, mapping), table.index)))

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import KDTree
 
+from litsim_data.generic.counts import Counts
 from litsim_sim.io.table_input import TableFiles
 from litsim_sim.lane_map.net_lanes import LEVEL
 
@@ -17,8 +18,8 @@ NEAR = 30.0  # [m] within which vehicles on two levels are looked for: a hill do
 INSTANTS = 400  # about as many instants are compared
 
 
-def levels(table: pd.DataFrame, source: TableFiles) -> str:
-    """Returns a sentence on vehicles near each other on different levels, empty for none.
+def tell_levels(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None:
+    """Tells `counts` of vehicles near each other on different levels.
 
     Args:
         table: vehicle_id, t [s], x, y [m], and row, the place in `source`.
@@ -26,7 +27,7 @@ def levels(table: pd.DataFrame, source: TableFiles) -> str:
     """
     name = next((column for column in source.columns if re.fullmatch(NAMES, column.strip().lower())), None)
     if name is None or source.columns.count(name) > 1:
-        return ""
+        return
     column = source.read([name], needed=set()).set_index("row")[name]
     heights = pd.to_numeric(column, errors="coerce").reindex(table["row"]).to_numpy(np.float64)
     instant = np.round(table["t"].to_numpy() * 10.0).astype(np.int64)
@@ -39,11 +40,11 @@ def levels(table: pd.DataFrame, source: TableFiles) -> str:
         height, vehicle = now["height"].to_numpy(), now["vehicle_id"].to_numpy()
         apart = np.abs(height[first] - height[other]) > LEVEL
         pairs |= {*zip(vehicle[first[apart]].tolist(), vehicle[other[apart]].tolist(), strict=True)}
-    if not pairs:
-        return ""
-    low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
-    return (
-        f"column {name!r} spans {high - low:.1f} m and is not used, though {len(pairs)} pairs of vehicles are near "
-        f"each other on different levels, where they touch on a flat net: keep one level by field rows of the mapping, "
-        f"such as rows: {{{name}: {{max: {low + LEVEL:.1f}}}}}"
-    )
+    if pairs:
+        low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
+        counts.tell(
+            "levels",
+            f"column {name!r} spans {high - low:.1f} m and is not used, though {len(pairs)} pairs of vehicles are near "
+            f"each other on different levels, where they touch on a flat net: keep one level by field rows of the "
+            f"mapping, such as rows: {{{name}: {{max: {low + LEVEL:.1f}}}}}",
+        )

@@ -54,8 +54,11 @@ def without_dropped_kinds(raw: pd.DataFrame, mapping: Mapping, source: TableFile
     for kind in sorted(set(kind_names[row_kind == DROP])):
         counts.leave_out(f"kind {kind}", int(((kind_names == kind) & (ours == DROP)).sum()))
     counts.leave_out("of a track most of whose rows are dropped", int(((row_kind != DROP) & (ours == DROP)).sum()))
-    for kind in sorted(set(kind_names[ours == UNKNOWN])):
-        counts.unknown[kind] = int(raw["vehicle_id"][kind_names == kind].nunique())
+    if unknown := sorted(set(kind_names[ours == UNKNOWN])):
+        vehicles = [int(raw["vehicle_id"][kind_names == kind].nunique()) for kind in unknown]
+        listed = ", ".join(f"{kind or 'empty'} {number}" for kind, number in zip(unknown, vehicles, strict=True))
+        of_kinds = f"{sum(vehicles)} vehicles are of a kind that field kinds of the mapping calls unknown"
+        counts.tell("unknown", f"{of_kinds}: {listed}")
     if ours.isin([DROP, *OBSTACLES]).all():
         every = (
             "field kinds of the mapping drops every row"
@@ -87,5 +90,6 @@ def _of_whole_tracks(row_kind: pd.Series, raw: pd.DataFrame, mapping: Mapping, c
     track[order] = np.cumsum(begins) - 1
     rows = np.zeros((track.max() + 1, len(names)), np.int64)
     np.add.at(rows, (track, kinds), 1)
-    counts.changing = int(((rows > 0).sum(axis=1) > 1).sum())
+    if changing := int(((rows > 0).sum(axis=1) > 1).sum()):
+        counts.tell("kinds", f"{changing} tracks change their kind: each is what most of its rows say")
     return pd.Series(np.asarray(names)[rows.argmax(axis=1)][track], index=row_kind.index)

@@ -60,7 +60,9 @@ def with_usual_sizes(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> p
     rows = ~usable.to_numpy() | (obstacle_rows(table) & (not has_sizes))
     if not rows.any():
         return table
-    counts.usual_sizes = int(table.loc[rows, "vehicle_id"].nunique())
+    agents = int(table.loc[rows, "vehicle_id"].nunique())
+    text = f"{agents} agents without a usable size got a usual one of their kind"
+    counts.tell("sizes", text, tracks_of_usual_size=agents)
     table = table.copy()
     for name in ("length", "width"):
         usual = USUAL_SIZES[Kind.CAR][name == "width"]

@@ -195,11 +195,17 @@ def count_leaps(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None
     leaps, others = leaps[enough], others[:, enough]
     off = np.hypot(*(velocity[:, leaps] - np.nanmedian(others, axis=2))) * step[leaps]
     is_leap = off > LEAP + LEAP_ACCELERATION * step[leaps] ** 2
-    counts.leaps = int(is_leap.sum())
-    if counts.leaps:
+    if number := int(is_leap.sum()):
         worst = int(np.argmax(np.where(is_leap, off, 0.0)))
         rows = table["row"].to_numpy()[leaps[worst] : leaps[worst] + 2]
-        counts.farthest_leap = f"by {off[worst]:.1f} m within {step[leaps[worst]]:.3g} s ({source.at(*rows)})"
+        most = f"at most by {off[worst]:.1f} m within {step[leaps[worst]]:.3g} s ({source.at(*rows)})"
+        counts.leaps = f"{number} leaps, {most}"
+        counts.tell(
+            "leaps",
+            f"{number} times a vehicle departs from its motion before and after as none drives, {most}: speeds and "
+            "headings there may be wrong, too",
+            leaps=number,
+        )
 
 
 def count_turns(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None:
@@ -210,12 +216,15 @@ def count_turns(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None
     step, turn = np.diff(t), np.abs(wrap_angle(np.diff(table["yaw"].to_numpy())))
     connected = (vehicle[1:] == vehicle[:-1]) & (step <= HOLE_MAX_S + STEP_S)
     turn = np.where(connected & (turn > TURN) & (turn > TURN_RATE * step), turn, 0.0)
-    counts.turns = int((turn > 0.0).sum())
-    if counts.turns:
+    if number := int((turn > 0.0).sum()):
         worst = int(np.argmax(turn))
         rows = table["row"].to_numpy()[worst : worst + 2]
-        counts.largest_turn = (
-            f"by {np.rad2deg(turn[worst]):.0f} degrees within {step[worst]:.3g} s ({source.at(*rows)})"
+        most = f"by {np.rad2deg(turn[worst]):.0f} degrees within {step[worst]:.3g} s ({source.at(*rows)})"
+        counts.tell(
+            "turns",
+            f"{number} times the heading of a vehicle turns as none does, at most {most}: without field columns.yaw "
+            "headings follow from the motion",
+            turns=number,
         )
 
 

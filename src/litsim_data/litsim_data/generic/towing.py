@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from litsim_data.generic.counts import SHOWN, Counts
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.scenario.recording import BOUNDS
@@ -16,18 +17,15 @@ WAY_MIN = 20.0  # [m] that they drive together at least
 STRAIGHT = np.deg2rad(6.0)  # between their headings, within which they are one box
 
 
-def joined(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[int, int], dict[int, int]]:
+def joined(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
     """Returns the rows of 10 Hz with vehicles and trailers that stay in line as one box, by the vehicle's id.
 
-    `table` has the neutral columns, sorted by vehicle and frame.
-
-    Returns:
-        The rows; the vehicles of the trailers that were joined to them, by the id of the trailer; and those of trailers
-        that turn against their vehicle, which stay tracks of their own.
+    `table` has the neutral columns, sorted by vehicle and frame. Trailers that turn against their vehicle stay tracks
+    of their own; `counts` is told of both.
     """
     towed = _towed(table)
     if not towed:
-        return table, {}, {}
+        return table
     concerned = {*towed, *towed.values()}
     tracks = {vehicle: table[table["vehicle_id"] == vehicle].set_index("frame") for vehicle in sorted(concerned)}
     boxes: dict[int, int] = {}
@@ -43,7 +41,23 @@ def joined(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[int, int], dict[int,
     others = table[~table["vehicle_id"].isin(concerned)]
     rows = pd.concat([others, *(rows.reset_index()[list(table.columns)] for rows in tracks.values())])
     apart = {trailer: vehicle for trailer, vehicle in towed.items() if trailer not in boxes}
-    return rows.sort_values(["vehicle_id", "frame"], ignore_index=True), boxes, apart
+    if boxes:
+        text = f"one box with the vehicle that tows them: {_listed(boxes)}"
+        counts.tell("trailers", text, trailers_joined={str(trailer): vehicle for trailer, vehicle in boxes.items()})
+    if apart:
+        counts.tell(
+            "trailers",
+            f"{_listed(apart)}: tracks of their own, as they turn against the vehicle; they part if a run takes one of "
+            "the two over",
+            trailers_apart={str(trailer): vehicle for trailer, vehicle in apart.items()},
+        )
+    return rows.sort_values(["vehicle_id", "frame"], ignore_index=True)
+
+
+def _listed(towed: dict[int, int]) -> str:
+    """Returns a text on trailers and their vehicles."""
+    named = [f"{trailer} of {vehicle}" for trailer, vehicle in sorted(towed.items())]
+    return ", ".join(named[:SHOWN]) + (f" and {len(named) - SHOWN} more" if len(named) > SHOWN else "")
 
 
 def _towed(table: pd.DataFrame) -> dict[int, int]:

@@ -45,7 +45,8 @@ def converted(
         if raw or mapping.clean is False:
             raise
         recording, counts = convert(scene.tracks, mapping.model_copy(update={"clean": True}))
-        counts.noisy = counts.noisy or "accelerations were impossible; --raw keeps the motion"
+        why = "accelerations were impossible; --raw keeps the motion"
+        counts.tell("noisy", f"cleaned: {why}", noise=why)
     notes = recording.header.notes | counts.note() | _ego_note(scene, recording)
     return Recording(replace(recording.header, notes=notes), recording.columns), counts
 
