@@ -51,13 +51,13 @@ class LoadedTable(TableOfFile):
     table: pd.DataFrame
 
     @classmethod
-    def of(cls, path: Path, columns: Mapping[str, Any]) -> LoadedTable:
-        """Returns the table of the tracks in `path`, by its columns.
+    def of(cls, path: Path, content: pd.DataFrame | Mapping[str, Any]) -> LoadedTable:
+        """Returns the table of the tracks in `path`: itself, or its columns.
 
         Raises:
             InputError: there are no rows.
         """
-        table = pd.DataFrame(dict(columns))
+        table = pd.DataFrame(dict(content))
         if table.empty:
             raise InputError(f"{path}: holds no tracks")
         return cls((), tuple(map(str, table.columns)), path, table)
@@ -73,8 +73,7 @@ class LoadedTable(TableOfFile):
         if {"vx", "vy"} <= {*self.columns}:
             columns["speed"] = ["vx", "vy"]
         named = {kind: kinds.get(kind, "drop") for kind in self.table["kind"].unique()}
-        values = {"name": "scene", "columns": columns, "reference": "box_centre", "kinds": named}
-        return Meaning.model_validate(values | fields)
+        return Meaning.of_scene(**{"columns": columns, "kinds": named} | fields)
 
     def at(self, *rows: int) -> str:
         """See :class:`TableFiles`; rows count from 1, in the order of the file."""

@@ -6,7 +6,7 @@ docs/data.md has examples for front centres and for box centres.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -228,6 +228,13 @@ class Mapping(_Strict):
     signals: str = ""
     accept: list[Check] = []
     clean: bool | None = None
+
+    @classmethod
+    def of_scene(cls, columns: Columns | dict[str, str], kinds: dict[str, str], **fields: Any) -> Mapping:
+        """Returns the mapping of a scene's tracks: of box centres, if `reference` is not among other `fields`."""
+        return cls.model_validate(
+            {"name": "scene", "reference": "box_centre", "columns": columns, "kinds": kinds} | fields
+        )
 
     @model_validator(mode="after")
     def _sizes_of_corners(self) -> Mapping:

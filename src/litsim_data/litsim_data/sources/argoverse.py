@@ -9,14 +9,23 @@ from pathlib import Path
 from typing import Any
 
 from litsim_data.generic.loaded_table import LoadedTable
-from litsim_data.generic.mapping import Mapping
+from litsim_data.generic.mapping import Columns, Mapping
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet, polyline
 from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.input_files import read_json
 from litsim_sim.io.parquet_input import is_parquet, read_schema, read_table
 
-COLUMNS = ("track_id", "object_type", "timestep", "position_x", "position_y", "heading", "velocity_x", "velocity_y")
+COLUMNS = Columns(
+    vehicle_id="track_id",
+    frame="timestep",
+    x="position_x",
+    y="position_y",
+    yaw="heading",
+    speed=("velocity_x", "velocity_y"),
+    kind="object_type",
+)
+NAMES = tuple(COLUMNS.named().values())
 KINDS = {
     "vehicle": "car",
     "bus": "truck",
@@ -45,36 +54,19 @@ class Argoverse2(Source):
 
     def recognizes(self, path: Path) -> bool:
         """See :class:`.source.Source`."""
-        return is_parquet(path) and {*COLUMNS, "scenario_id"} <= {*read_schema(path).names}
+        return is_parquet(path) and {*NAMES, "scenario_id"} <= {*read_schema(path).names}
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
-        table = read_table(path, COLUMNS)
+        table = read_table(path, NAMES)
         names = table["scenario_id"].unique()
         if len(names) != 1:
             raise InputError(f"{path}: holds the scenarios {list(map(str, names[:3]))}, expected one")
         file = lanes or path.with_name(f"log_map_archive_{names[0]}.json")
-        columns = {name: table[name] for name in COLUMNS}
-        kinds = KINDS | {str(kind): "unknown" for kind in table["object_type"].unique() if str(kind) not in KINDS}
-        mapping = Mapping.model_validate(
-            {
-                "name": "scene",
-                "columns": {
-                    "vehicle_id": "track_id",
-                    "frame": "timestep",
-                    "x": "position_x",
-                    "y": "position_y",
-                    "yaw": "heading",
-                    "speed": ["velocity_x", "velocity_y"],
-                    "kind": "object_type",
-                },
-                "reference": "box_centre",
-                "kinds": kinds,
-            }
-        )
+        kinds = dict.fromkeys(map(str, table["object_type"].unique()), "unknown") | KINDS
         name = f"av2_{names[0]}"
-        tracks = LoadedTable.of(path, columns)
-        yield Scene(name, tracks, mapping, partial(read_lanes, file), name, ego=RECORDER)
+        tracks = LoadedTable.of(path, table[[*NAMES]])
+        yield Scene(name, tracks, Mapping.of_scene(COLUMNS, kinds), partial(read_lanes, file), name, ego=RECORDER)
 
 
 def read_lanes(path: Path) -> LaneGraph:
@@ -95,7 +87,8 @@ def read_lanes(path: Path) -> LaneGraph:
         try:
             lanelets.append(_lanelet(segment))
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{path}: field lane_segments.{name}: {_what(error)}") from error
+            what = f"field {error} is missing" if isinstance(error, KeyError) else str(error)
+            raise InputError(f"{path}: field lane_segments.{name}: {what}") from error
     bikes = kinds["BIKE"]
     return LaneGraph(tuple(lanelets), notes=(f"{bikes} lanes of bicycles are no lanes of vehicles",) * bool(bikes))
 
@@ -120,7 +113,3 @@ def _lanelet(segment: dict[str, Any]) -> Lanelet:
         junction=bool(segment["is_intersection"]),
         predecessors=tuple(map(str, segment["predecessors"])),
     )
-
-
-def _what(error: Exception) -> str:
-    return f"field {error} is missing" if isinstance(error, KeyError) else str(error)

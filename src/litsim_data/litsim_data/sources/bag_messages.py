@@ -187,8 +187,7 @@ def read_scene(path: Path, name: str, source: Path) -> Scene:
     table[COLUMNS["time"]] -= zero_ns  # seconds since 1970 as floating-point numbers would be off by 0.1 us
     tracks = _Messages((), tuple(table.columns), path, table, zero_ns)
     kinds = {kind: KINDS.get(kind, "unknown") for kind in table[COLUMNS["kind"]].unique()}
-    fields = {"name": "scene", "columns": COLUMNS, "reference": "box_centre", "units": {"time": "ns"}, "kinds": kinds}
-    mapping = Mapping.model_validate(fields | {"accept": ["size"]})  # trackers guess sizes
+    mapping = Mapping.of_scene(COLUMNS, kinds, units={"time": "ns"}, accept=["size"])  # trackers guess sizes
     has_ego = bool((table[COLUMNS["vehicle_id"]] == EGO).any())
     if has_ego and not info.is_file():
         notes.append(f"the ego has the size of Autoware's sample vehicle, as no {VEHICLE_FILE} is beside the bag")

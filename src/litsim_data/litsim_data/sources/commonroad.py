@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator
-from functools import partial
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
+
+import pandas as pd
 
 from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.maps.commonroad import read_graph, read_root
@@ -53,8 +54,8 @@ class CommonRoad(Source):
             step = float(root.get("timeStepSize", ""))
         except ValueError as error:
             raise InputError(f"{path}: attribute timeStepSize: {error}") from error
-        rows, left_out = _rows(root, path)
-        tracks = LoadedTable.of(path, rows)
+        table, left_out = _table(root, path)
+        tracks = LoadedTable.of(path, table)
         # A file is small, its units are fixed.
         mapping = tracks.meaning(KINDS, rate_hz=1.0 / step, accept=["speed", "heading", "side", "size"])
         problems = len(root.findall("planningProblem"))
@@ -63,26 +64,17 @@ class CommonRoad(Source):
         name = root.get("benchmarkID") or path.stem
         source = root.get("source", "")
         notes += [f"source of the scenario: {source}"] if source else []
-        last = max(rows["frame"])
-        yield Scene(
-            name,
-            tracks,
-            mapping,
-            partial(_lanes, root, path, lanes),
-            name,
-            _signals(root, step, last, path),
-            notes=tuple(notes),
-        )
+        signals = _signals(root, step, int(table["frame"].max()), path)
+
+        def map_of() -> LaneGraph:
+            return read_graph(root if lanes is None else read_root(lanes), lanes or path)
+
+        yield Scene(name, tracks, mapping, map_of, name, signals, notes=tuple(notes))
 
 
-def _lanes(root: ET.Element, path: Path, lanes: Path | None) -> LaneGraph:
-    """Returns the lanes of a scenario, or of the file that is named instead."""
-    return read_graph(root if lanes is None else read_root(lanes), lanes or path)
-
-
-def _rows(root: ET.Element, path: Path) -> tuple[dict[str, list[Any]], Counter[str]]:
-    """Returns the columns of the obstacles' states, and the numbers of obstacles left out, by why."""
-    rows: dict[str, list[Any]] = defaultdict(list)
+def _table(root: ET.Element, path: Path) -> tuple[pd.DataFrame, Counter[str]]:
+    """Returns the states of the obstacles, and the numbers of obstacles left out, by why."""
+    rows: list[tuple[Any, ...]] = []
     left_out: Counter[str] = Counter()
     elements = [*root.findall("dynamicObstacle"), *root.findall("staticObstacle"), *root.findall("obstacle")]
     last = max((int(t.text or 0) for t in root.findall("dynamicObstacle/trajectory/state/time/exact")), default=0)
@@ -104,15 +96,12 @@ def _rows(root: ET.Element, path: Path) -> tuple[dict[str, list[Any]], Counter[s
             raise InputError(f"{path}: obstacle {number}: {error}") from error
         if fixed:
             found = [(step, *found[0][1:]) for step in range(last + 1)]
-        for state in found:
-            for name, value in zip(("frame", "x", "y", "yaw", "speed"), state, strict=True):
-                rows[name].append(value)
-            for name, fixed_value in (("vehicle_id", number), ("kind", kind), ("length", size[0]), ("width", size[1])):
-                rows[name].append(fixed_value)
+        rows += [(number, kind, *size, *state) for state in found]
     if not rows:
         why = f"; left out: {dict(left_out)}" if left_out else ""
         raise InputError(f"{path}: no dynamic obstacles with trajectories{why}: as a map alone, see data map")
-    return rows, left_out
+    columns = ["vehicle_id", "kind", "length", "width", "frame", "x", "y", "yaw", "speed"]
+    return pd.DataFrame(rows, columns=columns), left_out
 
 
 def _size(element: ET.Element) -> tuple[float, float]:

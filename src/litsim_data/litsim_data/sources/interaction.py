@@ -9,13 +9,24 @@ from functools import partial
 from pathlib import Path
 
 from litsim_data.generic.loaded_table import LoadedTable
-from litsim_data.generic.mapping import Mapping
+from litsim_data.generic.mapping import Columns, Mapping
 from litsim_data.maps.lane_graph import LaneGraph
 from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.table_input import TableFiles, first_cells
 
-COLUMNS = ("track_id", "timestamp_ms", "agent_type", "x", "y", "vx", "vy", "psi_rad", "length", "width")
+COLUMNS = Columns(
+    vehicle_id="track_id",
+    time="timestamp_ms",
+    x="x",
+    y="y",
+    yaw="psi_rad",
+    speed=("vx", "vy"),
+    length="length",
+    width="width",
+    kind="agent_type",
+)
+NAMES = [*COLUMNS.named().values()]
 CASE = "case_id"
 """Column of the cases, in each of which ids and times begin anew."""
 ORIGIN = (0.0, 0.0)
@@ -36,37 +47,19 @@ class Interaction(Source):
 
     def recognizes(self, path: Path) -> bool:
         """See :class:`.source.Source`."""
-        return path.suffix == ".csv" and {*COLUMNS} <= first_cells(path)
+        return path.suffix == ".csv" and {*NAMES} <= first_cells(path)
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
         beside = path.with_name(path.name.replace("vehicle", "pedestrian"))
         files = [path, beside] if beside != path and beside.is_file() else [path]
         tracks = TableFiles.open(files)
-        kinds = {str(kind) for kind in tracks.read(["agent_type"])["agent_type"].unique()}
-        mapping = Mapping.model_validate(
-            {
-                "name": "scene",
-                "columns": {
-                    "vehicle_id": "track_id",
-                    "time": "timestamp_ms",
-                    "x": "x",
-                    "y": "y",
-                    "yaw": "psi_rad",
-                    "speed": ["vx", "vy"],
-                    "length": "length",
-                    "width": "width",
-                    "kind": "agent_type",
-                },
-                "reference": "box_centre",
-                "units": {"time": "ms"},
-                "kinds": {kind: (KINDS | WALKING).get(kind, "unknown") for kind in kinds},
-            }
-        )
+        kinds = dict.fromkeys(map(str, tracks.read(["agent_type"])["agent_type"].unique()), "unknown") | KINDS | WALKING
+        mapping = Mapping.of_scene(COLUMNS, kinds, units={"time": "ms"})
         if CASE in tracks.columns:
             place = path.stem.rpartition("_")[0] or path.stem
-            for case, rows in tracks.read([*COLUMNS, CASE]).groupby(CASE, sort=True):
-                named = LoadedTable.of(path, {column: rows[column].to_numpy() for column in COLUMNS})
+            for case, rows in tracks.read([*NAMES, CASE]).groupby(CASE, sort=True):
+                named = LoadedTable.of(path, rows[NAMES].reset_index(drop=True))
                 yield Scene(f"{path.stem}_{case:g}", named, mapping, partial(_map, path, lanes, place), place)
             return
         place = path.resolve().parent.name.lstrip(".")

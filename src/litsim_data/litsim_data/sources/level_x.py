@@ -12,16 +12,39 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.generic.kinds import likely_kind
-from litsim_data.generic.mapping import Mapping
+from litsim_data.generic.mapping import Columns, Mapping
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet
 from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.table_input import TableFile, TableFiles, first_cells
 
+CLASS = "class"
+HIGHD = Columns(
+    vehicle_id="id",
+    frame="frame",
+    x="x",
+    y="y",
+    length="width",
+    width="height",
+    speed=("xVelocity", "yVelocity"),
+    kind=CLASS,
+)
+LEVELX = Columns(
+    vehicle_id="trackId",
+    frame="frame",
+    x="xCenter",
+    y="yCenter",
+    yaw="heading",
+    speed=("xVelocity", "yVelocity"),
+    length="length",
+    width="width",
+    kind=CLASS,
+)
 ROAD_USERS = {"pedestrian": "pedestrian", "bicycle": "bicycle"}
 """Kinds that a mapping drafted for vehicles drops, and that are kept here."""
 LICENCE = "levelXdata: non-commercial use on request; the data must not be passed on"
 BEYOND = 100.0  # [m] that the lanes of highD reach beyond the tracks
+ADVISED = 36.11  # [m/s] 130 km/h, where there is no limit
 MAPS = ("*.osm", "*.xodr")
 
 
@@ -37,32 +60,12 @@ class HighD(Source):
 
     def recognizes(self, path: Path) -> bool:
         """See :class:`.source.Source`."""
-        return _has_columns(path, ("frame", "id", "x", "y", "width", "height", "xVelocity", "laneId"))
+        return _has_columns(path, HIGHD, "laneId")
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
         about, _ = _meta(path, "recordingMeta", ("frameRate", "upperLaneMarkings", "lowerLaneMarkings"))
-        _, vehicles = _meta(path, "tracksMeta", ("id", "class"))
-        mapping = Mapping.model_validate(
-            {
-                "name": "scene",
-                "columns": {
-                    "vehicle_id": "id",
-                    "frame": "frame",
-                    "x": "x",
-                    "y": "y",
-                    "length": "width",
-                    "width": "height",
-                    "speed": ["xVelocity", "yVelocity"],
-                    "kind": "class",
-                },
-                "vehicles": {"file": vehicles.path.name, "vehicle_id": "id"},
-                "reference": "box_corner",
-                "rate_hz": _number(about, "frameRate", path),
-                "transform": {"mirror_y": True},
-                "kinds": _kinds(vehicles),
-            }
-        )
+        mapping = _mapping(path, HIGHD, about, reference="box_corner", transform={"mirror_y": True})
         name = f"highD_{path.name.removesuffix('_tracks.csv')}"
         yield Scene(name, TableFiles.open(path), mapping, lambda: lanes or _highway(about, path), name)
 
@@ -79,33 +82,12 @@ class LevelX(Source):
 
     def recognizes(self, path: Path) -> bool:
         """See :class:`.source.Source`."""
-        return _has_columns(path, ("trackId", "frame", "xCenter", "yCenter", "heading", "width", "length", "xVelocity"))
+        return _has_columns(path, LEVELX)
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
         about, _ = _meta(path, "recordingMeta", ("frameRate", "locationId"))
-        _, vehicles = _meta(path, "tracksMeta", ("trackId", "class"))
-        mapping = Mapping.model_validate(
-            {
-                "name": "scene",
-                "columns": {
-                    "vehicle_id": "trackId",
-                    "frame": "frame",
-                    "x": "xCenter",
-                    "y": "yCenter",
-                    "yaw": "heading",
-                    "speed": ["xVelocity", "yVelocity"],
-                    "length": "length",
-                    "width": "width",
-                    "kind": "class",
-                },
-                "vehicles": {"file": vehicles.path.name, "vehicle_id": "trackId"},
-                "reference": "box_centre",
-                "rate_hz": _number(about, "frameRate", path),
-                "units": {"angle": "deg"},
-                "kinds": _kinds(vehicles),
-            }
-        )
+        mapping = _mapping(path, LEVELX, about, units={"angle": "deg"})
         data_set = next(
             (part for part in path.resolve().parts[::-1] if re.match(r"(in|roun|exi|uni)D", part)), "levelX"
         )
@@ -114,8 +96,18 @@ class LevelX(Source):
         yield Scene(name, TableFiles.open(path), mapping, partial(_map, about, path, lanes), location)
 
 
-def _has_columns(path: Path, columns: tuple[str, ...]) -> bool:
-    return path.name.endswith("_tracks.csv") and {*columns} <= first_cells(path)
+def _has_columns(path: Path, columns: Columns, *others: str) -> bool:
+    """Returns whether a file has these columns; the classes of vehicles are in another."""
+    return path.name.endswith("_tracks.csv") and {*columns.named().values(), *others} - {CLASS} <= first_cells(path)
+
+
+def _mapping(path: Path, columns: Columns, about: dict[str, Any], **fields: Any) -> Mapping:
+    """Returns the mapping of the tracks in a file, with the classes in the file of vehicles beside."""
+    _, vehicles = _meta(path, "tracksMeta", (columns.vehicle_id, CLASS))
+    classes = sorted({str(name) for name in vehicles.read([CLASS])[CLASS].unique()})
+    kinds = {name: ROAD_USERS.get(name.lower(), likely_kind(name)) for name in classes}
+    beside = {"file": vehicles.path.name, "vehicle_id": columns.vehicle_id}
+    return Mapping.of_scene(columns, kinds, vehicles=beside, rate_hz=_number(about, "frameRate", path), **fields)
 
 
 def _meta(path: Path, kind: str, needed: tuple[str, ...]) -> tuple[dict[str, Any], TableFile]:
@@ -138,16 +130,11 @@ def _number(about: dict[str, Any], name: str, path: Path) -> float:
         raise InputError(f"{path}: field {name} of its recordingMeta: {error}, expected a number") from error
 
 
-def _kinds(vehicles: TableFile) -> dict[str, str]:
-    """Returns our kind of each class in the file of vehicles."""
-    classes = {str(name) for name in vehicles.read(["class"])["class"].unique()}
-    return {name: ROAD_USERS.get(name.lower(), likely_kind(name)) for name in sorted(classes)}
-
-
 def _highway(about: dict[str, Any], path: Path) -> LaneGraph:
     """Returns the lanes between the markings of highD: the upper ones lead to the left of the picture."""
     x = pd.read_csv(path, usecols=["x", "width"])
     ends = np.array([float(x["x"].min()) - BEYOND, float((x["x"] + x["width"]).max()) + BEYOND])
+    limit = float(about.get("speedLimit", -1.0))  # [m/s]
     lanelets = []
     for side, along in (("upper", ends[::-1]), ("lower", ends)):
         text = str(about[f"{side}LaneMarkings"])
@@ -165,16 +152,10 @@ def _highway(about: dict[str, Any], path: Path) -> LaneGraph:
                     bounds[at + 1],
                     left_id=names[at - 1] if at else None,
                     right_id=names[at + 1] if at + 1 < len(names) else None,
-                    speed_limit=_limit(about),
+                    speed_limit=limit if limit > 0.0 else ADVISED,
                 )
             )
     return LaneGraph(tuple(lanelets), left_hand=False)
-
-
-def _limit(about: dict[str, Any]) -> float:
-    """Returns the speed limit [m/s]; 130 km/h is advised where there is none."""
-    limit = float(about.get("speedLimit", -1.0))
-    return limit if limit > 0.0 else 36.11
 
 
 def _map(about: dict[str, Any], path: Path, lanes: Path | None) -> LaneGraph | Path:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import shapely
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -41,6 +41,7 @@ KINDS = {
 """Our kinds of OSI's classes; others, such as trams and animals, are left out."""
 FOOTPATHS = ("SUBTYPE_BIKING", "SUBTYPE_SIDEWALK", "SUBTYPE_PARKING", "SUBTYPE_BORDER", "SUBTYPE_SHOULDER")
 """Kinds of lanes on which vehicles do not drive."""
+COLUMNS = ["vehicle_id", "time", "x", "y", "yaw", "vx", "vy", "kind", "length", "width"]
 POINTS = 15  # of a lane across an intersection, which OSI gives as a pair of lanes
 BACK = np.deg2rad(150.0)  # pairs that turn as much are left out: an intersection lists all pairs
 
@@ -66,28 +67,26 @@ class OpenSimulationInterface(Source):
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
-        rows: dict[str, list[Any]] = defaultdict(list)
+        rows: list[tuple[Any, ...]] = []
         known: dict[int, Any] = {}
         borders: dict[int, Any] = {}
         references: set[str] = set()
         host, lights = "", 0
         for truth in _truths(path):
             time = truth.timestamp.seconds + 1e-9 * truth.timestamp.nanos
-            for one in truth.moving_object:
-                _add(rows, one, time)
+            rows += [_row(one, time) for one in truth.moving_object]
             known |= {lane.id.value: lane for lane in truth.lane}
             borders |= {border.id.value: border for border in truth.lane_boundary}
             references |= {truth.map_reference} - {""}
             lights = max(lights, len(truth.traffic_light))
             host = str(truth.host_vehicle_id.value) if truth.HasField("host_vehicle_id") else host
-        if not np.isfinite(rows["vx"]).all():
-            del rows["vx"], rows["vy"]
-        tracks = LoadedTable.of(path, rows)
+        table = pd.DataFrame(rows, columns=COLUMNS)
+        tracks = LoadedTable.of(path, table if np.isfinite(table["vx"]).all() else table.drop(columns=["vx", "vy"]))
         mapping = tracks.meaning(KINDS, accept=["heading", "side", "size"])
         name = path.name.split(".")[0]
         road = next((file for one in sorted(references) if (file := path.parent / Path(one).name).is_file()), None)
         notes = (f"{lights} bulbs of traffic lights are not used",) if lights else ()
-        ego = host if host in rows["vehicle_id"] else None
+        ego = host if host in set(table["vehicle_id"]) else None
         map_of = partial(_map, path, lanes or road, known, borders)
         yield Scene(name, tracks, mapping, map_of, f"{name}_net", ego=ego, notes=notes)
 
@@ -141,18 +140,15 @@ def _content(truth: Any) -> int:
     return len(placed) + len(truth.lane)
 
 
-def _add(rows: dict[str, list[Any]], one: Any, time: float) -> None:
-    """Adds the row of a moving object at a time [s]."""
+def _row(one: Any, time: float) -> tuple[Any, ...]:
+    """Returns the columns COLUMNS of a moving object at a time [s]."""
     kind = one.Type.Name(one.type).removeprefix("TYPE_").lower()
     if kind == "vehicle":
         kind = one.VehicleClassification.Type.Name(one.vehicle_classification.type).removeprefix("TYPE_").lower()
     base = one.base
     velocity = (base.velocity.x, base.velocity.y) if base.HasField("velocity") else (np.nan, np.nan)
-    values = {"vehicle_id": str(one.id.value), "time": time, "x": base.position.x, "y": base.position.y}
-    values |= {"yaw": base.orientation.yaw, "vx": velocity[0], "vy": velocity[1], "kind": kind}
-    values |= {"length": base.dimension.length, "width": base.dimension.width}
-    for name, value in values.items():
-        rows[name].append(value)
+    pose = base.position.x, base.position.y, base.orientation.yaw
+    return str(one.id.value), time, *pose, *velocity, kind, base.dimension.length, base.dimension.width
 
 
 def _map(path: Path, road: Path | None, lanes: dict[int, Any], borders: dict[int, Any]) -> LaneGraph | Path:
@@ -162,7 +158,7 @@ def _map(path: Path, road: Path | None, lanes: dict[int, Any], borders: dict[int
     lanelets = {}
     for number, lane in lanes.items():
         meaning = lane.classification
-        kind, subtype = (one.Name(value) for one, value in _enums(meaning))
+        kind, subtype = meaning.Type.Name(meaning.type), meaning.Subtype.Name(meaning.subtype)
         if kind not in ("TYPE_DRIVING", "TYPE_INTERSECTION") or subtype in FOOTPATHS or not meaning.centerline:
             continue
         try:
@@ -177,11 +173,6 @@ def _map(path: Path, road: Path | None, lanes: dict[int, Any], borders: dict[int
         raise InputError(f"{path}: holds no lanes with a centre line: name the map by --map")
     outer = {lanelet.id: lanelet for lanelet in linked([*lanelets.values()], ends=True)}
     return LaneGraph((*outer.values(), *_across(lanes, outer)))
-
-
-def _enums(meaning: Any) -> tuple[tuple[Any, int], tuple[Any, int]]:
-    """Returns the enumerations of a lane's type and subtype, with their values."""
-    return (meaning.Type, meaning.type), (meaning.Subtype, meaning.subtype)
 
 
 def _width(line: FloatArray, meaning: Any, borders: dict[int, Any]) -> float:

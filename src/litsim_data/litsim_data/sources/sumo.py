@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
+
+import pandas as pd
 
 from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.sources.source import Scene, Source
@@ -17,6 +18,7 @@ from litsim_sim.io.input_files import open_input, read_head
 from litsim_sim.io.table_input import TableFile
 
 NUMBERS = ("x", "y", "angle", "speed")
+COLUMNS = ["vehicle_id", "type", "time", "x", "y", "yaw", "speed"]
 ELSEWHERE = 1e9  # [m] coordinates beyond stand for vehicles that are not on the road
 SIZES: dict[str, tuple[str, float, float]] = {
     "passenger": ("car", 5.0, 1.8),
@@ -49,12 +51,15 @@ class SumoTrajectories(Source):
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
         name = path.name.split(".")[0]
-        columns = _from_csv(path) if path.suffix == ".csv" else _from_xml(path)
+        table = _from_csv(path) if path.suffix == ".csv" else _from_xml(path)
+        places = table[["x", "y"]].apply(pd.to_numeric, errors="coerce")
+        table = table[~(places.abs() >= ELSEWHERE).any(axis="columns")].reset_index(drop=True)
         types = vehicle_types(path.parent)
-        kinds, lengths, widths = zip(*(types.get(kind, SIZES["passenger"]) for kind in columns["type"]), strict=True)
-        unknown = sorted({kind for kind in columns["type"] if kind not in types})
-        rows = columns | {"kind": kinds, "length": lengths, "width": widths}
-        tracks = LoadedTable.of(path, rows)
+        sizes = [types.get(kind, SIZES["passenger"]) for kind in table["type"]]
+        unknown = sorted({*table["type"]} - {*types})
+        kinds = [kind for kind, *_ in sizes]
+        table = table.assign(kind=kinds, length=[size[1] for size in sizes], width=[size[2] for size in sizes])
+        tracks = LoadedTable.of(path, table)
         mapping = tracks.meaning(
             {kind: kind for kind in kinds},
             reference="front_centre",
@@ -94,9 +99,9 @@ def vehicle_types(folder: Path) -> dict[str, tuple[str, float, float]]:
     return types
 
 
-def _from_xml(path: Path) -> dict[str, list[Any]]:
-    """Returns the columns vehicle_id, type, time, x, y, yaw [deg] and speed of an XML file."""
-    columns: dict[str, list[Any]] = defaultdict(list)
+def _from_xml(path: Path) -> pd.DataFrame:
+    """Returns the columns COLUMNS of an XML file, headings in degrees."""
+    rows: list[tuple[Any, ...]] = []
     time = 0.0
     try:
         with open_input(path) as file:
@@ -109,26 +114,14 @@ def _from_xml(path: Path) -> dict[str, list[Any]]:
                 elif event == "start" and element.tag in ("vehicle", "person"):
                     values = [float(element.get(name, "nan")) for name in NUMBERS]
                     usual = "DEFAULT_PEDTYPE" if element.tag == "person" else "DEFAULT_VEHTYPE"
-                    _add(columns, element.get("id", ""), element.get("type", usual), time, values)
+                    rows.append((element.get("id", ""), element.get("type", usual), time, *values))
     except (ET.ParseError, ValueError, OSError) as error:
         raise InputError(f"{path}: not a readable file of SUMO's trajectories: {error}") from error
-    return columns
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def _from_csv(path: Path) -> dict[str, list[Any]]:
+def _from_csv(path: Path) -> pd.DataFrame:
     """Returns the same of a CSV file, whose columns are named after elements and attributes."""
-    source = TableFile.open(path)
-    names = [f"vehicle_{name}" for name in ("id", "type", *NUMBERS)]
-    table = source.read(["timestep_time", *names]).dropna(subset=["vehicle_id"])  # steps without vehicles have a row
-    columns: dict[str, list[Any]] = defaultdict(list)
-    for row in table[["vehicle_id", "vehicle_type", "timestep_time", *names[2:]]].itertuples(index=False):
-        _add(columns, str(row[0]), str(row[1]), float(row[2]), [float(value) for value in row[3:]])
-    return columns
-
-
-def _add(columns: dict[str, list[Any]], name: str, kind: str, time: float, values: list[float]) -> None:
-    if max(map(abs, values[:2])) < ELSEWHERE:
-        for column, value in zip(
-            ("vehicle_id", "type", "time", "x", "y", "yaw", "speed"), (name, kind, time, *values), strict=True
-        ):
-            columns[column].append(value)
+    names = ["vehicle_id", "vehicle_type", "timestep_time", *(f"vehicle_{name}" for name in NUMBERS)]
+    table = TableFile.open(path).read(names).dropna(subset=["vehicle_id"])  # steps without vehicles have a row
+    return table[names].set_axis(COLUMNS, axis="columns").astype({"vehicle_id": str, "type": str})

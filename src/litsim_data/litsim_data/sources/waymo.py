@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.maps.lane_graph import LANE_WIDTH, SPEED_LIMIT, LaneGraph, Lanelet, around, at_shares, polyline
@@ -22,6 +23,7 @@ MPH = 0.44704
 RATE_HZ = 10.0
 KINDS = {"vehicle": "unknown", "pedestrian": "pedestrian", "cyclist": "bicycle", "other": "drop", "unset": "drop"}
 """Our kinds; its vehicles are of all sizes."""
+COLUMNS = ["vehicle_id", "frame", "x", "y", "z", "yaw", "vx", "vy", "length", "width", "kind"]
 TYPES = ("unset", "vehicle", "pedestrian", "cyclist", "other")
 STATES = (
     "unknown",
@@ -98,19 +100,15 @@ class WaymoRecord(Source):
 
 
 def _scene(content: Mapping[str, Any], name: str, path: Path) -> Scene:
-    columns: dict[str, list[Any]] = {
-        column: [] for column in ("vehicle_id", "frame", "x", "y", "z", "yaw", "vx", "vy", "length", "width", "kind")
-    }
+    rows = []
     for one in content["objects"]:
         for step, valid in enumerate(one["valid"]):
             if not valid:
                 continue
             place, velocity = one["position"][step], one["velocity"][step]
             row = (place["x"], place["y"], place.get("z", 0.0), one["heading"][step], velocity["x"], velocity["y"])
-            fixed = (one["length"], one["width"], one["type"])
-            for column, value in zip(columns, (str(one["id"]), step, *row, *fixed), strict=True):
-                columns[column].append(value)
-    tracks, scene = LoadedTable.of(path, columns), f"womd_{name}"
+            rows.append((str(one["id"]), step, *row, one["length"], one["width"], one["type"]))
+    tracks, scene = LoadedTable.of(path, pd.DataFrame(rows, columns=COLUMNS)), f"womd_{name}"
     mapping = tracks.meaning(KINDS, rate_hz=RATE_HZ)
     recorder = (content.get("metadata") or {}).get("sdc_track_index", -1)
     ego = str(content["objects"][recorder]["id"]) if 0 <= recorder < len(content["objects"]) else None

@@ -58,7 +58,7 @@ class OpenScenario(Source):
         named = root.find("RoadNetwork/LogicFile")
         road = lanes or (None if named is None else path.parent / named.get("filepath", ""))
         table, notes = _table(Script(root, road), path)
-        tracks = LoadedTable.of(path, {str(name): column for name, column in table.items()})
+        tracks = LoadedTable.of(path, table)
         mapping = tracks.meaning(KINDS, accept=["speed", "heading", "side", "size"])
         ego = next((name for name in table["vehicle_id"].unique() if name.lower() == "ego"), None)
         name = path.name.split(".")[0]
