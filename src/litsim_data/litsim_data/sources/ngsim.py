@@ -72,7 +72,8 @@ class Official(Source):
         _sort_by_clock(path, folder, clocks)
         for period in clocks.periods():
             rows = _Rows((), formats.REQUIRED, path, folder / f"{period.clock}.parquet", clocks, period)
-            yield Scene(period.name, rows, _meaning(period), about=(self.licence, _citation(period)))
+            source = f"NGSIM {period.site.title}, period {period.name.partition('_')[2]} ({PUBLISHER})"
+            yield Scene(period.name, rows, _meaning(period), about=(self.licence, source))
 
 
 class Windows(ReadySource):
@@ -162,8 +163,3 @@ def _meaning(period: Period) -> Mapping:
         "accept": get_args(Check),  # what is published is what it is
     }
     return Mapping.model_validate(fields)
-
-
-def _citation(period: Period) -> str:
-    """Returns site, period and publisher."""
-    return f"NGSIM {period.site.title}, period {period.name.partition('_')[2]} ({PUBLISHER})"

@@ -118,19 +118,26 @@ class Conditions:
             raise UnreadError(f"element {condition.tag}: rule {rule} is not read")
         return RULES[rule](values, number(condition, "value"))  # NaN compares as false
 
-    def speed(self, one: Seen, condition: ET.Element) -> BoolArray:
-        """Returns at which frames (n,) a SpeedCondition holds; as those below."""
+    def _compared_along(self, values: FloatArray, condition: ET.Element) -> BoolArray:
         if condition.get("direction") not in (None, "longitudinal"):
             raise UnreadError(f"element {condition.tag}: direction {condition.get('direction')} is not read")
-        return self._compared(one.speed, condition)
+        return self._compared(values, condition)
+
+    def _compared_until(self, gap: FloatArray, speed: FloatArray, condition: ET.Element) -> BoolArray:
+        """Returns at which frames (n,) times to what is `gap` [m] ahead compare, at a `speed` [m/s] towards it."""
+        times = np.full(len(gap), np.nan)
+        np.divide(gap, speed, out=times, where=(gap >= 0.0) & (speed > STANDING))
+        return self._compared(times, condition)
+
+    def speed(self, one: Seen, condition: ET.Element) -> BoolArray:
+        """Returns at which frames (n,) a SpeedCondition holds; as those below."""
+        return self._compared_along(one.speed, condition)
 
     def acceleration(self, one: Seen, condition: ET.Element) -> BoolArray:
         """AccelerationCondition."""
-        if condition.get("direction") not in (None, "longitudinal"):
-            raise UnreadError(f"element {condition.tag}: direction {condition.get('direction')} is not read")
-        if len(one.speed) < 2:  # of a scenario that ends at once
-            return np.zeros(len(one.speed), np.bool_)
-        return self._compared(np.gradient(one.speed, STEP_S), condition)
+        ends_at_once = len(one.speed) < 2
+        change = np.full(len(one.speed), np.nan) if ends_at_once else np.gradient(one.speed, STEP_S)
+        return self._compared_along(change, condition)
 
     def stand_still(self, one: Seen, condition: ET.Element) -> BoolArray:
         """StandStillCondition."""
@@ -170,9 +177,7 @@ class Conditions:
 
     def relative_speed(self, one: Seen, condition: ET.Element) -> BoolArray:
         """RelativeSpeedCondition."""
-        other = self._seen(condition.get("entityRef", ""))
-        turned = other.poses[:, 2] - one.poses[:, 2]
-        return self._compared(one.speed - other.speed * np.cos(turned), condition)
+        return self._compared(_closing(one, self._seen(condition.get("entityRef", ""))), condition)
 
     def relative_distance(self, one: Seen, condition: ET.Element) -> BoolArray:
         """RelativeDistanceCondition."""
@@ -190,9 +195,7 @@ class Conditions:
     def headway(self, one: Seen, condition: ET.Element) -> BoolArray:
         """TimeHeadwayCondition: of who is ahead."""
         gap = self._gap(one, self._seen(condition.get("entityRef", "")), condition)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            times = np.where((gap >= 0.0) & (one.speed > STANDING), gap / one.speed, np.nan)
-        return self._compared(times, condition)
+        return self._compared_until(gap, one.speed, condition)
 
     def time_to_collision(self, one: Seen, condition: ET.Element) -> BoolArray:
         """TimeToCollisionCondition: with who is ahead and slower."""
@@ -200,11 +203,7 @@ class Conditions:
         if target.tag != "EntityRef":
             raise UnreadError(f"element {condition.tag}: a target that is a position is not read")
         other = self._seen(target.get("entityRef", ""))
-        gap = self._gap(one, other, condition)
-        closing = one.speed - other.speed * np.cos(other.poses[:, 2] - one.poses[:, 2])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            times = np.where((gap >= 0.0) & (closing > STANDING), gap / closing, np.nan)
-        return self._compared(times, condition)
+        return self._compared_until(self._gap(one, other, condition), _closing(one, other), condition)
 
     def _gap(self, one: Seen, other: Seen, condition: ET.Element) -> FloatArray:
         """Returns how far ahead (n,) [m] another entity is, below 0 behind: of its reference point, or free space."""
@@ -265,6 +264,11 @@ def lasting_for(held: BoolArray, seconds: float) -> BoolArray:
     frames = np.arange(len(held))
     since = np.maximum.accumulate(np.where(held, -1, frames))  # last frame at which it did not hold
     return np.asarray(held & ((frames - since - 1) * STEP_S >= seconds - 1e-9), np.bool_)
+
+
+def _closing(one: Seen, other: Seen) -> FloatArray:
+    """Returns how much faster (n,) [m/s] an entity is than another one is along its heading."""
+    return one.speed - other.speed * np.cos(other.poses[:, 2] - one.poses[:, 2])
 
 
 def _seen_from(one: Seen, other: Seen) -> tuple[FloatArray, FloatArray]:

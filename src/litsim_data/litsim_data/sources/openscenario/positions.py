@@ -48,7 +48,7 @@ class Positions:
         pose_of: Callable[[str, float], Pose],
         speed_of: Callable[[str, FloatArray], FloatArray],
     ) -> None:
-        self._roads, self._pose_of, self.speed_of = roads, pose_of, speed_of
+        self._roads, self.pose_of, self.speed_of = roads, pose_of, speed_of
 
     def pose(self, position: ET.Element, time: float) -> tuple[Pose, bool]:
         """Returns the pose that a position stands for at a time [s], and whether it says the heading.
@@ -78,11 +78,11 @@ class Positions:
         return (x, y, heading if orientation.get("type") == "absolute" else axis + heading), True
 
     def _by_world(self, place: ET.Element, time: float) -> tuple[float, float, float, float]:
-        x, y, heading = self._pose_of(place.get("entityRef", ""), time)
+        x, y, heading = self.pose_of(place.get("entityRef", ""), time)
         return x + number(place, "dx"), y + number(place, "dy"), heading, heading
 
     def _by_object(self, place: ET.Element, time: float) -> tuple[float, float, float, float]:
-        x, y, heading = self._pose_of(place.get("entityRef", ""), time)
+        x, y, heading = self.pose_of(place.get("entityRef", ""), time)
         ahead, left = number(place, "dx"), number(place, "dy")
         cos, sin = math.cos(heading), math.sin(heading)
         return x + cos * ahead - sin * left, y + sin * ahead + cos * left, heading, heading
@@ -102,9 +102,7 @@ class Positions:
 
     def _by_lane(self, place: ET.Element, time: float) -> tuple[float, float, float, float]:
         other = self._place_of(place, time)
-        lane = other.lane + int(number(place, "dLane"))
-        if lane * other.lane <= 0:  # lane 0 is no lane and does not count
-            lane += 1 if other.lane < 0 else -1
+        lane = lane_beside(other.lane, int(number(place, "dLane")))
         aside, ahead = number(place, "offset", 0.0), number(place, "ds", number(place, "dsLane", 0.0))
         s = other.s + ahead
         if 0.0 <= s <= other.road.length:
@@ -120,11 +118,7 @@ class Positions:
     def _place_of(self, place: ET.Element, time: float) -> Place:
         """Returns where on the roads the entity is that a position refers to."""
         name = place.get("entityRef", "")
-        return self.on_road(place, name, self._pose_of(name, time))
-
-    def pose_of(self, name: str, time: float) -> Pose:
-        """Returns where an entity is at a time [s]; raises UnreadError where that is not known."""
-        return self._pose_of(name, time)
+        return self.on_road(place, name, self.pose_of(name, time))
 
     def on_road(self, element: ET.Element, name: str, pose: Pose) -> Place:
         """Returns where on the roads a pose is, for an element; raises UnreadError where it is on no lane."""
@@ -138,6 +132,12 @@ class Positions:
         if road is None:
             raise UnreadError(f"there is no road {name:.60} on the map")
         return road
+
+
+def lane_beside(lane: int, count: int) -> int:
+    """Returns the number of the lane that lies `count` lanes higher; lane 0 is no lane and does not count."""
+    other = lane + count
+    return other if other * lane > 0 else other + (1 if lane < 0 else -1)
 
 
 def trajectory(follow: ET.Element, start: float, positions: Positions) -> tuple[Track, bool]:

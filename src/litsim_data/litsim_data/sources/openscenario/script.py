@@ -98,7 +98,10 @@ class Script:
 
     def _settled(self) -> float:
         """Decides what depends on where entities are, and returns when the scenario ends [s]; 0 if nothing says so."""
-        stop = self._stop()
+        try:
+            stop = self._storyboard.stop(self._whole)
+        except UnreadError:
+            stop = math.inf
         self._horizon = min(stop, HORIZON_S) if stop <= LATEST else HORIZON_S
         if self._storyboard.any_waits():
             for _ in range(ROUNDS_MAX):
@@ -106,13 +109,6 @@ class Script:
                     break
         self._look(self._play_all)
         return self._look(self._last)
-
-    def _stop(self) -> float:
-        """Returns when the StopTrigger ends the scenario [s]; infinite if it never does, or is not read."""
-        try:
-            return self._storyboard.stop(self._whole)
-        except UnreadError:
-            return math.inf
 
     def _play_all(self) -> None:
         """Plays all entities up to the horizon."""
@@ -183,8 +179,6 @@ class Script:
 
     def _seen(self, name: str) -> Seen:
         """Returns an entity at each frame up to the horizon; raises UnreadError where that is not known."""
-        if name not in self.entities:
-            raise UnreadError(f"there is no entity {name:.60}")
         if name not in self._by_name:
             track = self.track(name)
             poses = np.full((round(self._horizon * RATE_HZ) + 1, 3), np.nan)
@@ -194,6 +188,8 @@ class Script:
         return self._by_name[name]
 
     def _played(self, name: str) -> Track:
+        if name not in self.entities:
+            raise UnreadError(f"there is no entity {name:.60}")
         if name in self._players:
             raise UnreadError(f"{name} is placed by where others are that are placed by it")
         walks = self.entities[name].find("Pedestrian") is not None
@@ -292,8 +288,6 @@ class Script:
 
     def _speed_of(self, name: str, times: FloatArray) -> FloatArray:
         """Returns the speeds of an entity at times [m/s]; raises UnreadError where they are not known."""
-        if name not in self.entities:
-            raise UnreadError(f"there is no entity {name:.60}")
         track, before = self.track(name), np.maximum(times - STEP_S, 0.0)
         return np.hypot(*(track.at(before + STEP_S) - track.at(before))[:, :2].T) / STEP_S
 
@@ -307,14 +301,8 @@ class Script:
         if time > 0.0:
             pose = self.track(name).at(np.array([time]))[0].tolist()
             return pose[0], pose[1], pose[2]
-        position = next(
-            (
-                one.find("Position")
-                for one in map(action_in, self._privates.get(name, []))
-                if one.tag == "TeleportAction"
-            ),
-            None,
-        )
+        first = map(action_in, self._privates.get(name, []))
+        position = next((one.find("Position") for one in first if one.tag == "TeleportAction"), None)
         if position is None or name in self._placing:
             raise UnreadError(f"where {name} is at first is not known")
         self._placing.add(name)

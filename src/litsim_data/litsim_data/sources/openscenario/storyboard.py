@@ -95,13 +95,17 @@ class Storyboard:
                     return True
         return False
 
-    def act_of(self, event: ET.Element) -> ET.Element | None:
-        """Returns the act around an event; None of what is in none."""
-        return self._act(event)
+    def act_of(self, element: ET.Element) -> ET.Element | None:
+        """Returns the act around an element; None of acts themselves."""
+        while (whole := self._parents.get(element)) is not None:
+            if whole.tag == "Act":
+                return whole
+            element = whole
+        return None
 
     def act_waits(self, event: ET.Element) -> bool:
         """Returns whether the stop of the act around an event depends on where entities are, and is not decided."""
-        act = self._act(event)
+        act = self.act_of(event)
         return act is not None and self.waits("stop", act)
 
     def forget(self) -> None:
@@ -123,7 +127,7 @@ class Storyboard:
         Raises:
             UnreadError: what the trigger waits for is not read.
         """
-        act = self._act(event)
+        act = self.act_of(event)
         return math.inf if act is None else self.stop(act)
 
     def _remembered(self, what: str, element: ET.Element, compute: Callable[[], float]) -> float:
@@ -160,14 +164,6 @@ class Storyboard:
         if skips and any(self.start(other) < time < self.end(other) for other in whole.findall("Event")):
             return math.inf
         return time if time <= self.cut_off(element) else math.inf
-
-    def _act(self, element: ET.Element) -> ET.Element | None:
-        """Returns the act around an element; None of acts themselves."""
-        while (whole := self._parents.get(element)) is not None:
-            if whole.tag == "Act":
-                return whole
-            element = whole
-        return None
 
     def _end(self, element: ET.Element) -> float:
         start = self.start(element)

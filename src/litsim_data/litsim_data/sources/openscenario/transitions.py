@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from litsim_data.maps.opendrive_roads import Place, Pose
-from litsim_data.sources.openscenario.positions import LATEST, Positions
+from litsim_data.sources.openscenario.positions import LATEST, Positions, lane_beside
 from litsim_data.sources.openscenario.xml import UnreadError, child, number
 from litsim_sim.core.scene import FloatArray
 
@@ -112,10 +112,7 @@ def _target_lane(target: ET.Element, time: float, positions: Positions) -> int:
     name = target.get("entityRef", "")
     pose = positions.pose_of(name, time)
     place = positions.on_road(target, name, pose)
-    lane = place.lane + int(count * side_of(place, pose))
-    if lane * place.lane <= 0:  # lane 0 is no lane and does not count
-        lane += 1 if place.lane < 0 else -1
-    return lane
+    return lane_beside(place.lane, int(count * side_of(place, pose)))
 
 
 def side_of(place: Place, pose: Pose) -> float:
