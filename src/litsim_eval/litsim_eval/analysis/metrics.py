@@ -36,7 +36,7 @@ from litsim_eval.analysis.measures import (
 )
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 from litsim_sim.record.run import Run
 
 METRICS_FILE = "metrics.json"
@@ -153,8 +153,7 @@ def write_metrics(metrics: dict[str, Any], path: Path) -> None:
         named = f"{first} and {len(others)} more" if others else first
         because = f": {metrics['why']}" if metrics.get("why") else ""
         raise InputError(f"{path}: {named} not finite, expected finite numbers{because}") from error
-    with replacing(path) as new:
-        new.write_text(text)
+    write_text(path, text)
 
 
 def _not_finite(value: Any, name: str = "") -> Iterator[str]:

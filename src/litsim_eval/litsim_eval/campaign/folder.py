@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import json
 import re
 import shutil
 from collections import Counter
@@ -29,7 +28,7 @@ from litsim_eval.campaign.results import (
 from litsim_eval.campaign.results_table import TABLE_FILE, write_results_table
 from litsim_eval.campaign.suite import CAMPAIGN_FILE, Suite
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import Unwritable, replacing
+from litsim_sim.io.files import Unwritable, write_json
 
 LOCK_FILE = ".lock"
 HISTORY_FOLDER = "history"
@@ -132,7 +131,7 @@ class CampaignFolder:
             self._set_aside(earlier, cases)
         self._remove_unfinished()
         described = suite.model_dump(mode="json")
-        _write(
+        write_json(
             self._file,
             {
                 "format": FORMAT,
@@ -175,7 +174,7 @@ class CampaignFolder:
         Raises:
             Unwritable: it cannot be written.
         """
-        _write(self.run_folder(result.case) / RESULT_FILE, result.to_json())
+        write_json(self.run_folder(result.case) / RESULT_FILE, result.to_json())
 
     def write_results(self, results: Sequence[RunResult], **more: Any) -> Path:
         """Writes the file with all results, in order, and the further fields `more`, and the table; returns its path.
@@ -184,7 +183,7 @@ class CampaignFolder:
             Unwritable: it cannot be written.
         """
         path = self.path / RESULTS_FILE
-        _write(path, {"format": FORMAT, **more, "runs": [result.to_json() for result in results]})
+        write_json(path, {"format": FORMAT, **more, "runs": [result.to_json() for result in results]})
         write_results_table(results, self.path / TABLE_FILE)
         return path
 
@@ -236,9 +235,3 @@ class CampaignFolder:
     def _run_folders(self) -> list[Path]:
         """Returns the folders of runs in this folder."""
         return [folder for folder in (self.path / RUNS_FOLDER).glob("*") if RUN_FOLDER.fullmatch(folder.name)]
-
-
-def _write(path: Path, values: Mapping[str, Any]) -> None:
-    text = json.dumps(values, indent=1, allow_nan=False) + "\n"
-    with replacing(path) as new:
-        new.write_text(text, encoding="utf-8")

@@ -18,7 +18,7 @@ from litsim_eval.campaign.criteria import Verdict, counted
 from litsim_eval.campaign.results import Campaign
 from litsim_eval.campaign.suite import CaseEntry, Suite, packaged_suite_folder
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 
 SMALL_IS_HARD = ("ttc", "pet", "headway", "gap", "progress", "within")
 """Parts of names of fields whose smallest values are the hardest; of all others, the largest are."""
@@ -131,8 +131,7 @@ def write_suite(suite: Suite, path: Path) -> None:
     for ego in values["egos"]:
         if "folder" in ego:
             ego["folder"] = _beside(ego["folder"], path.parent)
-    with replacing(path) as new:
-        new.write_text(yaml.safe_dump(values, sort_keys=False, width=120), encoding="utf-8")
+    write_text(path, yaml.safe_dump(values, sort_keys=False, width=120))
 
 
 def _beside(path: str, folder: Path) -> str:

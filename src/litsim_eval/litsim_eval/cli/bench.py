@@ -16,7 +16,7 @@ from tqdm import tqdm
 from litsim_eval.benchmark.steps import measure, table_rows, time_highway_env
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 
 HIGHWAY_ENV_MOST = 250  # with more vehicles highway-env takes minutes
 HIGHWAY_ENV_STEPS = 20
@@ -75,9 +75,4 @@ def show(title: str, rows: list[list[str]], markdown: Path | None) -> None:
     if markdown is not None:
         rule = ["---", *["---:"] * (len(head) - 1)]
         lines = [title + ".", "", *(f"| {' | '.join(row)} |" for row in (head, rule, *body))]
-        with replacing(markdown) as new:
-            new.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+        write_text(markdown, "\n".join(lines) + "\n")

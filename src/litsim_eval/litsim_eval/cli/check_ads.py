@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import tempfile
 from contextlib import ExitStack
@@ -18,7 +17,7 @@ from litsim_sim.cli.arguments import DefaultsFormatter, Parser, number, positive
 from litsim_sim.cli.program import interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.core.scene import STEP_S
-from litsim_sim.io.files import make_folder, replacing
+from litsim_sim.io.files import make_folder, write_json
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.middleware import check_security
 from litsim_sim.scenario.scenario import Scenario
@@ -122,8 +121,7 @@ def check_ads(arguments: argparse.Namespace, console: Console) -> int:
             },
             "remarks": evidence.remarks,
         }
-        with replacing(arguments.json) as new:
-            new.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        write_json(arguments.json, result)
     return 0 if passed else EXIT_FAILED
 
 
@@ -151,7 +149,3 @@ def main() -> int:
     arguments = parser().parse_args()
     interrupt_on_signals()  # so that child processes are ended
     return check_ads(arguments, Console())
-
-
-if __name__ == "__main__":
-    main()

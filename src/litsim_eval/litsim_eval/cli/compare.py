@@ -160,7 +160,3 @@ def _searches(arguments: argparse.Namespace) -> int:
         for name in change.broken:
             print(f"{name} fails as recorded, and did not before")
     return EXIT_FAILED if change.worse else 0
-
-
-if __name__ == "__main__":
-    main()

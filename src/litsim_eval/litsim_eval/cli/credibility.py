@@ -18,7 +18,7 @@ from litsim_eval.cli.suite_arguments import add_policy_arguments, background_sui
 from litsim_eval.credibility.evidence import SUMS_FILE, TEXT_FILE, changes, write_evidence
 from litsim_eval.credibility.page import PAGE_FILE, write_page
 from litsim_eval.credibility.reading import Selection, encounters_in, packaged_encounters
-from litsim_eval.credibility.results import CSV_FILE, JSON_FILE, Results, write_csv, write_json
+from litsim_eval.credibility.results import CSV_FILE, JSON_FILE, Results, write_csv
 from litsim_eval.credibility.running import EGO, Outcome, Run, Setup, Task, run_task
 from litsim_eval.credibility.table import LEGEND, table_of
 from litsim_sim.cli.arguments import Parser
@@ -26,6 +26,7 @@ from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, print_error
 from litsim_sim.core.installation import command
 from litsim_sim.core.parameters import by_place
+from litsim_sim.io.files import write_json
 from litsim_sim.scenario.encounter_note import SPLITS
 from litsim_sim.scenario.policies import installed_setups
 from litsim_sim.simulation import configured
@@ -117,10 +118,10 @@ def _write(results: Results, selection: Selection, arguments: argparse.Namespace
     """Writes the files that the arguments ask for, and returns lines on where they are."""
     lines = []
     if arguments.json is not None:
-        write_json(results.to_json(), arguments.json)
+        write_json(arguments.json, results.to_json())
     typed = shlex.join([command(), "credibility", *sys.argv[1:]])
     for folder in filter(None, (arguments.out, arguments.evidence)):
-        write_json(results.to_json(), folder / JSON_FILE)
+        write_json(folder / JSON_FILE, results.to_json())
         write_csv(results, folder / CSV_FILE)
         write_page(results, typed, folder / PAGE_FILE)
         lines.append(f"page: {folder / PAGE_FILE}")
@@ -190,7 +191,3 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\ninterrupted: nothing is written", file=sys.stderr)
         raise
-
-
-if __name__ == "__main__":
-    main()

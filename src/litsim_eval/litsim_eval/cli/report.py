@@ -57,7 +57,3 @@ def _clip(runs: list[Path], path: Path) -> Path:
 
     write_clip([read_run(run) for run in runs], path)
     return path
-
-
-if __name__ == "__main__":
-    main()

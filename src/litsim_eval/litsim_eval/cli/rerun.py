@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +13,7 @@ from litsim_eval.runs.rerun import STAGES, rerun_stage, resimulate
 from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.io.files import write_json
 
 SHOWN = 5  # most fields in the summary of a difference
 
@@ -65,7 +65,8 @@ def rerun(arguments: argparse.Namespace) -> bool:
         largest = sorted(tally.largest.items(), key=lambda entry: -entry[1])[:SHOWN]
         lines += [f"first: {tally.first}", *(f"largest: {name} by {amount:.3g}" for name, amount in largest)]
     print(*(f"note: {note}" for note in notes), *lines, sep="\n")
-    _write(report, arguments.json)
+    if arguments.json is not None:
+        write_json(arguments.json, report)
     return equal
 
 
@@ -84,22 +85,10 @@ def play(arguments: argparse.Namespace) -> bool:
     except OpenLoopFailed:
         return False
     print(f"{arguments.out}: {sentence(result)}")
-    parts = {name: value if isinstance(value, int) else value and asdict(value) for name, value in result.items()}
-    _write(parts, arguments.json)
+    if arguments.json is not None:
+        parts = {name: value if isinstance(value, int) else value and asdict(value) for name, value in result.items()}
+        write_json(arguments.json, parts)
     return True
-
-
-def _write(report: dict[str, Any], path: Path | None) -> None:
-    """Writes a result as JSON, if there is a file to write.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    try:
-        if path is not None:
-            path.write_text(json.dumps(report, indent=2) + "\n")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 @program
@@ -112,7 +101,3 @@ def main(argv: list[str] | None = None) -> int:
     if not arguments.to_stack and (arguments.command or arguments.out is not None or arguments.overwrite):
         raise InputError("--out, --overwrite and a command after --: expected only with --to-stack")
     return 0 if (play if arguments.to_stack else rerun)(arguments) else EXIT_FAILED
-
-
-if __name__ == "__main__":
-    main()

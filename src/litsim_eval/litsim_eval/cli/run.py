@@ -10,12 +10,13 @@ from tqdm import tqdm
 
 from litsim_eval.analysis.metrics import compute_metrics, write_metrics
 from litsim_eval.report.analyze import measure
-from litsim_eval.report.run_report import REPORT_FILE, render, save
+from litsim_eval.report.run_report import REPORT_FILE, render
 from litsim_eval.report.terminal import print_metrics
 from litsim_eval.runs.runner import Runner, record
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import RUN_STATUS_HELP, interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
+from litsim_sim.io.files import write_text
 from litsim_sim.launch.output import check_output
 from litsim_sim.scenario.run_info import driver_names
 from litsim_sim.world.sumo import SumoMirror
@@ -48,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
         metrics = compute_metrics(recorded)
     else:
         metrics = measure(recorded, arguments.out)
-        save(render(recorded, metrics), arguments.out / REPORT_FILE)
+        write_text(arguments.out / REPORT_FILE, render(recorded, metrics))
     if arguments.json:
         write_metrics(metrics, arguments.json)
     print_metrics(metrics)
@@ -65,7 +66,3 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\ninterrupted: the run is not measured", file=sys.stderr)
         raise
-
-
-if __name__ == "__main__":
-    main()

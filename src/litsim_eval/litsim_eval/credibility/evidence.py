@@ -17,7 +17,7 @@ from litsim_eval.credibility.results import CSV_FILE, JSON_FILE, Results, write_
 from litsim_eval.report.pages import render_text
 from litsim_eval.report.wording import leaf
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import replacing, write_text
 from litsim_sim.io.yaml_input import read_text
 
 TEXT_FILE, DATA_FILE, SUMS_FILE = "evidence.md", "data.csv", "SHA256SUMS"
@@ -46,10 +46,8 @@ def write_evidence(results: Results, data: Iterable[DataFile], command: str, fol
         policies={name: list(_rows(own)) for name, own in results.measures.items()},
         measures=[(measure.name, measure.text) for measure in measures() if not measure.drawn or results.drivers > 1],
     )
-    with replacing(folder / TEXT_FILE) as new:
-        new.write_text(text, encoding="utf-8")
-    with replacing(folder / SUMS_FILE) as new:
-        new.write_text("".join(f"{file_digest(folder / name)}  {name}\n" for name in PACK), encoding="utf-8")
+    write_text(folder / TEXT_FILE, text)
+    write_text(folder / SUMS_FILE, "".join(f"{file_digest(folder / name)}  {name}\n" for name in PACK))
     return file_digest(folder / SUMS_FILE)
 
 

@@ -18,9 +18,9 @@ from litsim_eval.credibility.responses import Responses, sizes
 from litsim_eval.credibility.results import Results
 from litsim_eval.credibility.table import COLUMNS, LEGEND, MORE_COLUMNS, sections, words
 from litsim_eval.report.pages import render_page
-from litsim_eval.report.run_report import save
 from litsim_eval.report.wording import leaf
 from litsim_sim.core.scene import STEP_S, FloatArray
+from litsim_sim.io.files import write_text
 from litsim_sim.scenario.encounter_note import Track
 
 PAGE_FILE = "credibility.html"
@@ -54,7 +54,7 @@ def write_page(results: Results, command: str, path: Path) -> None:
         failures=results.failures,
         about=[("command", command), *((name, str(text)) for name, text in results.versions.items())],
     )
-    save(page, path)
+    write_text(path, page)
 
 
 def _subtitle(results: Results) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -112,12 +111,6 @@ class Results:
             "bootstrap": {"level": LEVEL, "resamples": RESAMPLES, "seed": SEED, "over": "vehicles that react"},
             "versions": self.versions,
         }
-
-
-def write_json(values: Mapping[str, Any], path: Path) -> None:
-    """Writes `values` to `path` atomically; raises InputError if that is impossible."""
-    with replacing(path) as new:
-        new.write_text(json.dumps(values, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def write_csv(results: Results, path: Path) -> None:

@@ -20,10 +20,10 @@ from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Ca
 from litsim_eval.campaign.variant_summary import variant_summary
 from litsim_eval.report.campaign_content import criteria_of, pack_campaign
 from litsim_eval.report.pages import render_page
-from litsim_eval.report.run_report import save
 from litsim_eval.report.thumbnails import read_thumbnail, write_thumbnail
 from litsim_eval.report.wording import leaf, number, percent
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import write_text
 from litsim_sim.record.run import read_run
 
 TAGS_MAX = 30  # most tags in the table by tag, the worst ones
@@ -41,7 +41,7 @@ def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: 
         InputError: the page cannot be written.
     """
     path = out or campaign.folder / EXPERIMENT_REPORT_FILE
-    save(_render(campaign, _pictures(campaign, quiet), path.parent), path)
+    write_text(path, _render(campaign, _pictures(campaign, quiet), path.parent))
     return path
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from litsim_eval.report.pages import render_page
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 
 WIDTH, LEFT, ROW = 900.0, 110.0, 34.0
 """Width of a map, room for the names at its left, and height of a row, in pixels."""
@@ -46,8 +46,7 @@ def write_margins_page(margins: Mapping[str, Any], tried: Sequence[Sequence[Mapp
         row=ROW,
         left=LEFT,
     )
-    with replacing(path) as new:
-        new.write_text(page, encoding="utf-8")
+    write_text(path, page)
 
 
 def _margin(scenario: Mapping[str, Any], bound: float) -> str:

@@ -10,12 +10,13 @@ from litsim_eval.analysis.metrics import METRICS_FILE, compute_metrics, write_me
 from litsim_eval.campaign.criteria import Criteria, Verdict
 from litsim_eval.campaign.results import judge
 from litsim_eval.report.analyze import measure
-from litsim_eval.report.run_report import REPORT_FILE, render, save, write_report
+from litsim_eval.report.run_report import REPORT_FILE, render, write_report
 from litsim_eval.report.terminal import print_metrics
 from litsim_eval.report.thumbnails import write_thumbnail
 from litsim_eval.report.verdict import verdict_text
 from litsim_sim.cli.program import run_status
 from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.io.files import write_text
 from litsim_sim.record.run import read_run
 
 
@@ -59,7 +60,7 @@ class RecordedAnalysis:
             said = Verdict.FAILED if missed else Verdict.PASSED
             verdict = verdict_text(said.value, "; ".join(missed), criteria)
             print("\n".join(f"{said.value}  {reason}" for reason in missed) or said.value, file=sys.stderr)
-        save(render(run, metrics, verdict), out / REPORT_FILE)
+        write_text(out / REPORT_FILE, render(run, metrics, verdict))
         if not quiet:
             print_metrics(metrics)
         return status

@@ -21,7 +21,7 @@ from litsim_eval.report.verdict import verdict_in
 from litsim_eval.report.wording import NOTHING, lockstep_text, measured
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.topic_names import RUN_INFO
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.record.bag import FAILURE_FILE
 from litsim_sim.record.run import Run, read_run
@@ -43,15 +43,8 @@ def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | N
     """
     run = read_run(bag)
     path = out or run.path.parent / REPORT_FILE
-    html = render(run, compute_metrics(run) if metrics is None else metrics, verdict_in(path))
-    save(html, path)
+    write_text(path, render(run, compute_metrics(run) if metrics is None else metrics, verdict_in(path)))
     return path
-
-
-def save(html: str, path: Path) -> None:
-    """Writes a page to `path` atomically; raises InputError if that is impossible."""
-    with replacing(path) as new:
-        new.write_text(html, encoding="utf-8")
 
 
 def render(run: Run, metrics: dict[str, Any], verdict: str = "") -> str:

@@ -15,7 +15,7 @@ from litsim_sim.core.colours import Mode
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.core.steps import Steps
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import Run
 
@@ -68,8 +68,7 @@ def write_thumbnail(run: Run, metrics: dict[str, Any], folder: Path) -> None:
         InputError: it cannot be written.
     """
     text = json.dumps(thumbnail_of(run, metrics), allow_nan=False, separators=(",", ":"))
-    with replacing(folder / THUMBNAIL_FILE) as new:
-        new.write_text(text)
+    write_text(folder / THUMBNAIL_FILE, text)
 
 
 def read_thumbnail(folder: Path) -> dict[str, Any] | None:

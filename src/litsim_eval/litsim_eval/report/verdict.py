@@ -10,7 +10,7 @@ from pathlib import Path
 from litsim_eval.campaign.criteria import CriterionResult
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, rerun_command
 from litsim_eval.report.campaign_content import address
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 
 BEGIN, END = '<script id="verdict" type="application/json">', "</script>"
 
@@ -60,5 +60,4 @@ def show_verdicts(campaign: Campaign) -> None:
         before, begin, rest = page.read_text(encoding="utf-8").partition(BEGIN)
         old, end, after = rest.partition(END)
         if begin and end and old != text:
-            with replacing(page) as new:
-                new.write_text(f"{before}{begin}{text}{end}{after}", encoding="utf-8")
+            write_text(page, f"{before}{begin}{text}{end}{after}")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from litsim_sim.core.errors import InputError
 
@@ -41,6 +43,17 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # a folder that is none, of which the error above tells
             new.unlink()
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a text in UTF-8, whole or not at all; raises as :func:`replacing`."""
+    with replacing(path) as new:
+        new.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, values: Any) -> None:
+    """Writes values as JSON, likewise; raises ValueError if a number is not finite."""
+    write_text(path, json.dumps(values, indent=1, allow_nan=False) + "\n")
 
 
 def make_folder(path: Path) -> None:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 from litsim_sim.record.bag import FAILURE_FILE
 
 
 def write_failure(folder: Path, reason: str) -> None:
     """Write the reason, one line, to the `folder` of a failed run, for :func:`read_failure`; raises Unwritable."""
-    with replacing(folder / FAILURE_FILE) as new:
-        new.write_text(" ".join(reason.split()) + "\n", encoding="utf-8")
+    write_text(folder / FAILURE_FILE, " ".join(reason.split()) + "\n")
 
 
 def read_failure(mcap: Path) -> str:

@@ -19,7 +19,7 @@ from typing import Any
 
 from litsim_sim.core.errors import InputError, shown
 from litsim_sim.core.lockstep import unanswered
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_json
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.record.bag import SEAL_FILE, find_mcap
 
@@ -108,8 +108,7 @@ def write_seal(folder: Path, facts: RunFacts) -> None:
     content = {"facts": asdict(facts), "sha256": _sha256(find_mcap(folder))}
     key = _key(make=True)
     signed = content | {"key": _key_id(key), "hmac": _hmac(content, key)}
-    with replacing(folder / SEAL_FILE) as new:
-        new.write_text(json.dumps(signed, indent=2) + "\n", encoding="utf-8")
+    write_json(folder / SEAL_FILE, signed)
 
 
 def read_seal(mcap: Path) -> Seal:
