@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 
 from litsim_eval.analysis.measures.identity import digest
+from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.benchmark.steps import write_scenario
-from litsim_eval.report.analyze import analyze
 from litsim_eval.runs.runner import Runner, record
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan
@@ -86,7 +86,7 @@ def test_messages_lost_late_twice_or_out_of_order_change_nothing(graph: Any, rec
     bridge = graph.finish(graph.start_node("litsim_sim", "bridge", *before["bridge"][1:], **given))
     assert bridge.returncode == 0, bridge.stderr
     assert graph.finish(recorder).returncode == 0
-    metrics = analyze(graph.folder / "run")
+    metrics = compute_metrics(read_run(graph.folder / "run"))
     assert (metrics["valid"], metrics["why"], metrics["digest"]) == (True, "", expected)
     _, said = graph.end(relay)
     done = {tuple(line.split()) for line in said.splitlines() if line.startswith(DEEDS)}  # not how it was ended

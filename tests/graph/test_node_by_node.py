@@ -12,11 +12,12 @@ from typing import Any
 
 import yaml
 
-from litsim_eval.report.analyze import analyze
+from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.runner import Runner
 from litsim_sim.core.plugins import STAGES, package_of
 from litsim_sim.core.stages import EGO, POLICY
 from litsim_sim.record.digest import RunDigest
+from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/recording.md"
@@ -33,7 +34,7 @@ def digest_of(bag: Path, recorder: Any, bridge: Any) -> str:
     """The digest of a run that its recorder and its bridge bring to an end."""
     assert bridge.returncode == 0, bridge.stderr
     assert recorder.returncode == 0, recorder.stderr
-    metrics = analyze(bag)
+    metrics = compute_metrics(read_run(bag))
     assert metrics["valid"], metrics["why"]
     return str(metrics["digest"])
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from litsim_eval.report.analyze import analyze
+from litsim_eval.analysis.metrics import compute_metrics
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run
 
@@ -16,7 +16,7 @@ def test_late_and_missing_answers_are_counted(graph: Any) -> None:
     assert "the run is not valid" in done.stderr
     assert "answers missed on /litsim/ego/control" in done.stderr
 
-    metrics = analyze(bag)
+    metrics = compute_metrics(read_run(bag))
     assert metrics["why"] in done.stderr
     missed = metrics["lockstep"]["missed_by_topic"]
     assert missed["/litsim/ego/control"] >= 6

@@ -17,7 +17,7 @@ from litsim_eval.analysis.measures.lockstep import problems
 from litsim_eval.analysis.measures.timing import timing
 from litsim_eval.analysis.metrics import compute_metrics, write_metrics
 from litsim_eval.cli.analyze import main
-from litsim_eval.report.analyze import FILES, analyze
+from litsim_eval.report.analyze import FILES, measure
 from litsim_eval.report.terminal import print_ledger, print_metrics
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller, ControlSource, ControlTable
@@ -139,8 +139,8 @@ def test_the_terminal_tells_of_an_ego_that_is_too_slow(
 def test_the_ledger_shows_contacts_and_takeovers(
     run: Any, moved: Make, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "100")
-    print_ledger(compute_metrics(run))
+    monkeypatch.setenv("COLUMNS", "240")
+    print_ledger(compute_metrics(run), 1)
     assert capsys.readouterr().out == ""  # nothing happened
     hit = [t if t.step < 50 else moved([t], 3, y=3.66)[0] for t in run.tables]  # into the ego from behind
     metrics = compute_metrics(replace(run, tables=hit))
@@ -150,13 +150,15 @@ def test_the_ledger_shows_contacts_and_takeovers(
     unpredicted = {"reason": "blocked_entry", "time_to_conflict_s": None, "overlap_probability": None}
     metrics["ledger"] = [
         taken | {"replay_would_collide": True, "replay_step": 36, "replay_opponent": 1},
-        taken | unpredicted | {"released_step": None, "outcome": "own_intent", "replay_would_collide": False},
+        taken
+        | unpredicted
+        | {"released_step": None, "outcome": "own_intent", "own_intent_step": 44, "replay_would_collide": False},
     ]
-    print_ledger(metrics)
-    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["3", "5.0", "rear", "0.00", "not", "the", "ego", "3", "ran"] in [line[:9] for line in lines]
-    assert ["2", "conflict", "1", "2.1", "1.5", "0.40", "hits", "1", "at", "3.6", "2.0", "4.0", "5.00"] in lines
-    assert ["2", "blocked", "entry", "1", "2.1", "-", "-", "no", "contact", "2.0", "own", "intent", "5.00"] in lines
+    print_ledger(metrics, 1)
+    lines = [re.sub("  +", "|", line.strip()) for line in capsys.readouterr().out.splitlines()]
+    assert [line for line in lines if line.startswith("ego 1|3|5.0 s|no|rear: the ego does not answer for it; 3 ran")]
+    assert "2|ego 1|conflict|2.1 s|in 1.5 s, p = 0.40|hits ego 1 at 3.6 s|2.0 s|4.0 s|5.00 m" in lines
+    assert "2|ego 1|blocked entry|2.1 s|–|no contact|2.0 s|own intent from 4.4 s|–" in lines
 
 
 def said(*statuses: Status) -> list[Status]:
@@ -216,7 +218,7 @@ def test_analyze_writes_beside_the_bag_and_prints(
     run: Any, write_run: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = write_run(run, tmp_path / "bag")
-    metrics = analyze(folder)
+    metrics = measure(read_run(folder), folder)
     assert json.loads((folder / "metrics.json").read_text()) == metrics
     header = (folder / "overview.png").read_bytes()[:24]
     assert header[:4] == b"\x89PNG"
@@ -281,7 +283,7 @@ def test_output_that_cannot_be_written_is_named(
 def test_bare_runs_can_be_drawn_and_printed(table: Make, make_run: Make, write_run: Make, tmp_path: Path) -> None:
     """One agent, which is not the ego; no log, no net, nobody under control."""
     run = make_run([table(k, {"id": 5, "x": 1.0 * k, "y": 0.0}) for k in range(3)], log=[], statuses=[])
-    metrics = analyze(write_run(run, tmp_path / "bag"))
+    metrics = measure(read_run(write_run(run, tmp_path / "bag")), tmp_path / "bag")
     assert metrics["collision"]["rate_controlled"] is None
     assert metrics["timing"]["wall_s"] is None
     print_metrics(metrics)

@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
-from litsim_eval.report.analyze import analyze
+from litsim_eval.analysis.metrics import compute_metrics
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import find_mcap
+from litsim_sim.record.run import read_run
 from litsim_sim.record.seal import read_seal
 
 CHEAT = Path(__file__).parents[1] / "programs/cheating_stack.py"
@@ -34,14 +35,14 @@ def test_what_it_forges_is_told_and_the_run_is_not_valid(graph: Any, way: str) -
     assert done.returncode != 0
     assert TOLD[way] in done.stderr
     assert not (bag / "metrics.json").exists()
-    assert not analyze(bag)["valid"]
+    assert not compute_metrics(read_run(bag))["valid"]
 
 
 def test_a_record_that_it_writes_into_is_damaged(graph: Any) -> None:
     done, bag = launch(graph, "record")
     assert done.returncode == 2, done.stderr
     with pytest.raises(InputError, match=r"record_0\.mcap: damaged at byte \d+"):
-        analyze(bag)
+        compute_metrics(read_run(bag))
 
 
 def test_what_it_writes_or_leaves_behind_changes_nothing(graph: Any) -> None:

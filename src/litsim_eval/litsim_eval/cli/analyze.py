@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from litsim_eval.report.analyze import FILES, analyze
+from litsim_eval.report.analyze import FILES, measure
 from litsim_eval.report.terminal import print_ledger, print_metrics
 from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import RUN_STATUS_HELP, program, run_status
+from litsim_sim.record.run import read_run
 
 
 def parser() -> argparse.ArgumentParser:
@@ -24,12 +25,9 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> int:
     """Runs ``ros2 run litsim_eval analyze``."""
     arguments = parser().parse_args(argv)
-    metrics = analyze(arguments.bag, arguments.out)
+    run = read_run(arguments.bag)
+    metrics = measure(run, arguments.out or run.path.parent)
     if not arguments.quiet:
         print_metrics(metrics)
-        print_ledger(metrics)
+        print_ledger(metrics, run.info.ego_id)
     return run_status(metrics, arguments.bag)
-
-
-if __name__ == "__main__":
-    main()

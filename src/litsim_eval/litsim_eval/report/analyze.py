@@ -8,26 +8,17 @@ from typing import Any
 from litsim_eval.analysis.metrics import METRICS_FILE, compute_metrics, write_metrics
 from litsim_eval.analysis.tables import SERIES_FILE, TAKEOVERS_FILE, write_tables
 from litsim_sim.io.files import make_folder, replacing
-from litsim_sim.record.run import Run, read_run
+from litsim_sim.record.run import Run
 
 PLOT_FILE = "overview.png"
 FILES = (METRICS_FILE, SERIES_FILE, TAKEOVERS_FILE, PLOT_FILE)
 
 
-def analyze(bag: Path, out: Path | None = None) -> dict[str, Any]:
-    """Measures the run in `bag` (folder or MCAP file); returns the contents of `metrics.json`.
-
-    Writes :data:`FILES` to the folder `out`, by default beside the MCAP file, each whole or not at all.
-
-    Raises:
-        InputError: `bag` is not a LitSim run, or the results cannot be written.
-    """
-    run = read_run(bag)
-    return measure(run, out or run.path.parent)
-
-
 def measure(run: Run, folder: Path) -> dict[str, Any]:
-    """Returns like :func:`analyze`, for a run already read; writes to `folder`."""
+    """Measures a run; returns the contents of `metrics.json`.
+
+    Writes :data:`FILES` to `folder`, each whole or not at all; raises InputError if that is impossible.
+    """
     make_folder(folder)
     metrics = compute_metrics(run)
     write_metrics(metrics, folder / METRICS_FILE)

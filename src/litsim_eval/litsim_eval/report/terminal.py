@@ -9,17 +9,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from litsim_eval.analysis.measures.answers import cause_text
 from litsim_eval.analysis.measures.standoff import standoff_text
-from litsim_eval.analysis.measures.takeover import Outcome
 from litsim_eval.analysis.measures.timing import pace_text
-from litsim_eval.report.wording import lockstep_text, measured
+from litsim_eval.report.events import EventTable, contact_table, takeover_table
+from litsim_eval.report.wording import NOTHING, lockstep_text, measured
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.stages import RunEnd
-
-NOTHING = "-"
-CONTACT_COLUMNS = ("agent", "at", "kind", "delta-v", "answers", "why", "in the other's place")
-LEDGER_COLUMNS = ("agent", "why", "with", "at", "in", "p", "pure replay", "held", "back", "off")
 
 
 def print_metrics(metrics: dict[str, Any], console: Console | None = None) -> None:
@@ -34,64 +29,18 @@ def print_metrics(metrics: dict[str, Any], console: Console | None = None) -> No
     console.print(table)
 
 
-def print_ledger(metrics: dict[str, Any], console: Console | None = None) -> None:
-    """Prints every contact of the ego and every takeover, with its reason and outcome; nothing if there are none."""
+def print_ledger(metrics: dict[str, Any], ego: int, console: Console | None = None) -> None:
+    """Prints every contact of the vehicle `ego` that has a verdict, and every takeover, as the page has them."""
     console = console or Console()
-    for title, head, rows in (
-        ("contacts of the ego (s, m/s)", CONTACT_COLUMNS, list(_contact_rows(metrics))),
-        ("takeovers (s; off: distance from the log at the return, m)", LEDGER_COLUMNS, list(_ledger_rows(metrics))),
-    ):
-        if rows:
-            table = Table(*head, title=title, title_justify="left", box=None, pad_edge=False)
-            for row in rows:
-                table.add_row(*row)
+    contacts = contact_table(metrics, STEP_S, ego)
+    judged = EventTable(contacts.head, tuple(row for row in contacts.rows if NOTHING not in row.cells))
+    takeovers = takeover_table(metrics["ledger"], STEP_S, ego)
+    for title, events in (("contacts of the ego", judged), ("takeovers", takeovers)):
+        if events.rows:
+            table = Table(*events.head, title=title, title_justify="left", box=None, pad_edge=False)
+            for row in events.rows:
+                table.add_row(*row.cells)
             console.print("", table)
-
-
-def _contact_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    fault = {(contact["agent"], contact["step"]): contact for contact in metrics["fault"]["contacts"]}
-    for contact in metrics["collision"]["ego_contacts"]:
-        agent, step = contact["agent"], contact["step"]
-        why = fault[agent, step]
-        yield (
-            str(agent),
-            _time(step),
-            contact["verdict"].replace("_", " "),
-            _plain(contact["delta_v_mps"]),
-            "none: in the log" if contact["in_log"] else "the ego" if why["of_ego"] else "not the ego",
-            cause_text(why),
-            _careful(why["other_avoids"]),
-        )
-
-
-def _careful(avoids: bool | None) -> str:
-    """Returns a text on what the careful driver would have done; a dash if the other agent is not a vehicle."""
-    if avoids is None:
-        return NOTHING
-    return "avoids it" if avoids else "hits too"
-
-
-def _ledger_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    for entry in metrics["ledger"]:
-        replay = "false alarm" if entry["false_alarm"] else "no contact"
-        if entry["replay_would_collide"]:
-            replay = f"hits {entry['replay_opponent']} at {_time(entry['replay_step'])}"
-        yield (
-            str(entry["agent"]),
-            entry["reason"].replace("_", " "),
-            str(entry["opponent"]),
-            _time(entry["detected_step"]),
-            NOTHING if entry["time_to_conflict_s"] is None else f"{entry['time_to_conflict_s']:.1f}",
-            _plain(entry["overlap_probability"]),
-            replay,
-            f"{entry['held_s']:.1f}",
-            "own intent" if entry["outcome"] == Outcome.OWN_INTENT else _time(entry["released_step"]),
-            _plain(entry["residual_m"]),
-        )
-
-
-def _time(step: int | None) -> str:
-    return NOTHING if step is None else f"{step * STEP_S:.1f}"
 
 
 def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
@@ -108,7 +57,3 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "digest", metrics["digest"][:16]
     if metrics.get("seal"):
         yield "seal", metrics["seal"]
-
-
-def _plain(value: float | None) -> str:
-    return NOTHING if value is None else f"{value:.2f}"
