@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from litsim_policy.motion.log_leaders import VERTICES, columns_of, lay_way, leader_now, logged_leader, place_on
+from litsim_policy.motion.along_path import corridor_of
+from litsim_policy.motion.log_leaders import (
+    VERTICES,
+    Vehicle,
+    columns_of,
+    gap_ahead,
+    lay_way,
+    leader_now,
+    logged_leader,
+    place_on,
+)
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.scenario.log import Log
 
@@ -57,6 +67,26 @@ def test_the_way_follows_the_log_around_a_bend_and_goes_straight_on_after_it(mak
     count = lay_way(columns_of(log), 0, 0, way)
     s, d, _, _ = place_on(way, count, 20.0, 30.0)
     assert s == pytest.approx(20.0 * np.pi / 2 + 10.0, abs=0.2) and d == pytest.approx(0.0, abs=0.2)
+
+
+@pytest.mark.parametrize("wide", [0.0, 0.02, 0.3, 1.5])
+def test_who_is_passed_over_beside_a_way_would_not_lead(make_scenario, track, wide: float) -> None:
+    log = make_scenario(track(1, x=0.0, y=0.0), track(9, x=300.0), coverage_min=0.0, ego=9).log
+    random, way = np.random.default_rng(5), np.zeros((VERTICES, 5))
+    leads = 0
+    for _ in range(20):
+        turns = random.uniform(-wide, wide, log.steps).cumsum()
+        log.x[0], log.y[0] = np.cumsum(random.uniform(0.0, 1.5, log.steps) * (np.cos(turns), np.sin(turns)), axis=1)
+        log.yaw[0] = turns
+        count = lay_way(columns_of(log), 0, 0, way)
+        corridor, own = corridor_of(way, count), Vehicle(0.0, 0.0, 0.0, 8.0, LENGTH, WIDTH)
+        everywhere = corridor._replace(turn=0.0)
+        for x, y, yaw, speed in random.uniform((-20.0, -15.0, -4.0, 0.0), (60.0, 15.0, 4.0, 12.0), (200, 4)).tolist():
+            other = Vehicle(x, y, yaw, speed, LENGTH, WIDTH)
+            gap = gap_ahead(way, count, everywhere, own, (0.5, 0.2), other)
+            assert gap_ahead(way, count, corridor, own, (0.5, 0.2), other) == gap
+            leads += np.isfinite(gap[0])
+    assert leads > 100
 
 
 def test_the_leader_of_the_record_has_its_speed_and_acceleration(make_scenario, track) -> None:

@@ -155,13 +155,13 @@ class Corridor(NamedTuple):
 
 
 @kernel
-def _corridor(vertices: Floats2, n: int) -> Corridor:
-    """Return the corridor of a path (L, 5) of `n` vertices."""
+def corridor_of(vertices: Floats2, n: int) -> Corridor:
+    """Return the corridor of a path (L, 5) of `n` vertices; that of a single one excludes nothing."""
     x, y = vertices[0, X], vertices[0, Y]
     dx, dy = vertices[n - 1, X] - x, vertices[n - 1, Y] - y
     length = math.hypot(dx, dy)
     cos, sin = (dx / length, dy / length) if length > 0.0 else (1.0, 0.0)
-    right, left, turn, bend = 0.0, 0.0, 1.0, 0.0
+    right, left, turn, bend = 0.0, 0.0, 1.0 if n > 1 else 0.0, 0.0
     for k in range(n - 1):
         unit_x, unit_y = vertices[k, UNIT_X], vertices[k, UNIT_Y]
         offset = cos * (vertices[k + 1, Y] - y) - sin * (vertices[k + 1, X] - x)
@@ -173,8 +173,20 @@ def _corridor(vertices: Floats2, n: int) -> Corridor:
 
 
 @kernel
-def _is_beyond(corridor: Corridor, vertices: Floats2, n: int, x: float, y: float, distance: float) -> bool:
-    """Whether a position is certain to be farther than `distance` [m] from a path (L, 5) of `n` vertices."""
+def most_turned(corridor: Corridor, cos: float, sin: float) -> float:
+    """Return a bound on the sine of the angle between a heading (`cos`, `sin`) and any segment of a path."""
+    return min(abs(corridor.cos * sin - corridor.sin * cos) + corridor.bend, 1.0)
+
+
+@kernel
+def is_beyond(corridor: Corridor, vertices: Floats2, n: int, x: float, y: float, aside: float) -> bool:
+    """Whether a position is certain to be more than `aside` [m] to a side of a path (L, 5) of `n` vertices.
+
+    Its offset is that from the line of the nearest segment: at a vertex less than its distance, by the turn at most.
+    """
+    if not corridor.turn > 0.0:
+        return False
+    distance = (aside + SLACK) / corridor.turn
     offset = corridor.cos * (y - corridor.y) - corridor.sin * (x - corridor.x)
     if not max(offset - corridor.left, corridor.right - offset) > distance:
         return False
@@ -209,22 +221,17 @@ def _projected(
     for i in range(len(rows)):
         p = path[i]
         vertices, last, on_path = paths.segments[p], paths.counts[p] - 2, before[p]
-        beside, corridor = margin, _corridor(vertices, last + 2)
+        beside, corridor = margin, corridor_of(vertices, last + 2)
         if beside < np.inf:
             own_d = nearest(paths, p, own.x[i], own.y[i])[2]
-            beside += abs(own_d) + 0.5 * agents.width[rows[i]] + SLACK
+            beside += abs(own_d) + 0.5 * agents.width[rows[i]]
         for j in range(begin[i], end[i]):
             dx, dy = agents.x[j] - own.x[i], agents.y[j] - own.y[i]
             if not dx * dx + dy * dy < sight[i] * sight[i]:
                 continue
-            if beside < np.inf and j != rows[i] and corridor.turn > 0.0:
-                # half of its extent across the path; it is turned against it by no more than the sum of both angles
-                turned = min(abs(corridor.cos * sin[j] - corridor.sin * cos[j]) + corridor.bend, 1.0)
-                across = 0.5 * (agents.length[j] * turned + agents.width[j])
-                # offsets are from lines of segments: they are less than distances at vertices, by the turn at most
-                if _is_beyond(
-                    corridor, vertices, last + 2, agents.x[j], agents.y[j], (beside + across) / corridor.turn
-                ):
+            if beside < np.inf and j != rows[i]:
+                across = 0.5 * (agents.length[j] * most_turned(corridor, cos[j], sin[j]) + agents.width[j])
+                if is_beyond(corridor, vertices, last + 2, agents.x[j], agents.y[j], beside + across):
                     continue
             pair[0, k], pair[1, k] = i, j
             earlier = on_path[j - begin[i]]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from litsim_policy.motion.along_path import MARGIN, MERGE
+from litsim_policy.motion.along_path import MARGIN, MERGE, Corridor, corridor_of, is_beyond, most_turned
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import STEP_S, AgentArrays, IntArray
 from litsim_sim.kernels.compiled import Bools2, Floats, Floats2, Ints, OutFloats2, kernel
@@ -139,16 +139,21 @@ def may_lead(dx: float, dy: float, cos: float, sin: float) -> bool:
 
 @kernel
 def gap_ahead(
-    way: Floats2, count: int, own: Vehicle, place: tuple[float, float], other: Vehicle
+    way: Floats2, count: int, corridor: Corridor, own: Vehicle, place: tuple[float, float], other: Vehicle
 ) -> tuple[float, float]:
     """Returns the gap [m] to a vehicle ahead that is on the way or about to enter it, and its speed along it [m/s].
 
-    The gap is infinite to all others. `place` is the arc length of the own vehicle on the way, and its offset [m].
+    The gap is infinite to all others; those far beside the `corridor` of the way are passed over. `place` is the arc
+    length of the own vehicle on the way, and its offset [m].
     """
+    heading_x, heading_y = math.cos(other.yaw), math.sin(other.yaw)
+    turned = most_turned(corridor, heading_x, heading_y)
+    beside = 0.5 * (other.length * turned + other.width + own.width) + MARGIN + abs(place[1])
+    if is_beyond(corridor, way, count, other.x, other.y, beside + ANTICIPATION * abs(other.speed) * turned):
+        return np.inf, 0.0
     s, d, unit_x, unit_y = place_on(way, count, other.x, other.y)
     if s <= place[0]:
         return np.inf, 0.0
-    heading_x, heading_y = math.cos(other.yaw), math.sin(other.yaw)
     cos, sin = heading_x * unit_x + heading_y * unit_y, heading_y * unit_x - heading_x * unit_y
     half_along = 0.5 * (other.length * abs(cos) + other.width * abs(sin))
     half_across = 0.5 * (other.length * abs(sin) + other.width * abs(cos))
@@ -180,11 +185,11 @@ def leader_now(way: Floats2, count: int, agents: AgentArrays, row: int, others: 
     The acceleration is that of the step.
     """
     own, leader = vehicle_of(agents, row), Leader(-1, np.inf, 0.0, 0.0)
-    s, d, _, _ = place_on(way, count, own.x, own.y)
+    (s, d, _, _), corridor = place_on(way, count, own.x, own.y), corridor_of(way, count)
     cos, sin = math.cos(own.yaw), math.sin(own.yaw)
     for j in others:
         if j != row and may_lead(agents.x[j] - own.x, agents.y[j] - own.y, cos, sin):
-            gap, speed = gap_ahead(way, count, own, (s, d), vehicle_of(agents, j))
+            gap, speed = gap_ahead(way, count, corridor, own, (s, d), vehicle_of(agents, j))
             if gap < leader.gap:
                 leader = Leader(j, gap, speed, agents.acceleration[j])
     return leader
@@ -193,11 +198,11 @@ def leader_now(way: Floats2, count: int, agents: AgentArrays, row: int, others: 
 @kernel
 def logged_leader(way: Floats2, count: int, log: LogColumns, row: int, step: int) -> Leader:
     """Returns the leader of the agent in `row` of the log in the recorded scene of `step`, where its way begins."""
-    own, leader = logged_vehicle(log, row, step), Leader(-1, np.inf, 0.0, 0.0)
+    own, leader, corridor = logged_vehicle(log, row, step), Leader(-1, np.inf, 0.0, 0.0), corridor_of(way, count)
     cos, sin = math.cos(own.yaw), math.sin(own.yaw)
     for j in range(log.begin[row], log.end[row]):
         if j != row and log.valid[j, step] and may_lead(log.x[j, step] - own.x, log.y[j, step] - own.y, cos, sin):
-            gap, speed = gap_ahead(way, count, own, (0.0, 0.0), logged_vehicle(log, j, step))
+            gap, speed = gap_ahead(way, count, corridor, own, (0.0, 0.0), logged_vehicle(log, j, step))
             if gap < leader.gap:
                 before = max(step - BACK, log.first_step[j])
                 change = log.speed[j, step] - log.speed[j, before]
