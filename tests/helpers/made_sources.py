@@ -18,6 +18,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from litsim_data.exports.export import add
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet, around
 from litsim_data.maps.net_builder import write_graph
 
@@ -106,52 +107,40 @@ def commonroad(path: Path, step: float = 0.1) -> Path:
     root.set("timeStepSize", str(step))
     numbers = {one.id: str(100 + at) for at, one in enumerate(lanes())}
 
-    def child(parent: ET.Element, *path: str, text: object = "") -> ET.Element:
-        for tag in path:
-            parent = ET.SubElement(parent, tag)
-        parent.text = str(text)
-        return parent
-
     for one in lanes():
-        lanelet = ET.SubElement(root, "lanelet", {"id": numbers[one.id]})
+        lanelet = add(root, "lanelet", id=numbers[one.id])
         for name, bound in (("leftBound", one.left), ("rightBound", one.right)):
-            side = child(lanelet, name)
-            for place in bound:
-                point = child(side, "point")
-                for axis, value in zip("xy", place, strict=True):
-                    child(point, axis, text=value)
+            side = add(lanelet, name)
+            for x, y in bound:
+                point = add(side, "point")
+                add(point, "x", x), add(point, "y", y)
         for other in one.successors:
-            ET.SubElement(lanelet, "successor", {"ref": numbers[other]})
+            add(lanelet, "successor", ref=numbers[other])
         if one.id == "e0":
-            ET.SubElement(lanelet, "trafficLightRef", {"ref": "50"})
-    cycle = child(ET.SubElement(root, "trafficLight", {"id": "50"}), "cycle")
+            add(lanelet, "trafficLightRef", ref=50)
+    cycle = add(add(root, "trafficLight", id=50), "cycle")
     for colour, lasts in (("green", 400), ("yellow", 30), ("red", 300)):
-        element = child(cycle, "cycleElement")
-        child(element, "duration", text=lasts)
-        child(element, "color", text=colour)
-    child(cycle, "timeOffset", text=650)
+        element = add(cycle, "cycleElement")
+        add(element, "duration", lasts), add(element, "color", colour)
+    add(cycle, "timeOffset", 650)
     for name, rows in tracks().groupby("id"):
-        kind = rows["kind"].iloc[0]
         fixed = name == PARKED
-        tag = "staticObstacle" if fixed else "dynamicObstacle"
-        obstacle = ET.SubElement(root, tag, {"id": str(name)})
-        child(obstacle, "type", text="parkedVehicle" if fixed else kind)
-        shape = child(obstacle, "shape", "rectangle")
+        obstacle = add(root, "staticObstacle" if fixed else "dynamicObstacle", id=name)
+        add(obstacle, "type", "parkedVehicle" if fixed else rows["kind"].iloc[0])
+        shape = add(obstacle, "shape/rectangle")
         for size in ("length", "width"):
-            child(shape, size, text=rows[size].iloc[0])
+            add(shape, size, rows[size].iloc[0])
         later = obstacle if fixed else ET.Element("trajectory")
         for number, row in enumerate(rows.iloc[:1].itertuples() if fixed else rows.itertuples()):
-            state = child(obstacle, "initialState") if number == 0 else child(later, "state")
-            point = child(state, "position", "point")
-            child(point, "x", text=row.x), child(point, "y", text=row.y)
-            child(state, "orientation", "exact", text=row.yaw)
-            child(state, "time", "exact", text=row.step)
-            child(state, "velocity", "exact", text=row.speed)
+            state = add(obstacle, "initialState") if number == 0 else add(later, "state")
+            point = add(state, "position/point")
+            add(point, "x", row.x), add(point, "y", row.y)
+            for quantity, value in (("orientation", row.yaw), ("time", row.step), ("velocity", row.speed)):
+                add(state, f"{quantity}/exact", value)
         if not fixed:
             obstacle.append(later)
-    wall = ET.SubElement(root, "staticObstacle", {"id": "77"})
-    child(wall, "type", text="building")
-    ET.SubElement(root, "planningProblem", {"id": "88"})
+    add(add(root, "staticObstacle", id=77), "type", "building")
+    add(root, "planningProblem", id=88)
     ET.ElementTree(root).write(path)
     return path
 
@@ -179,14 +168,12 @@ def sumo(folder: Path, kind: str = "xml") -> Path:
         return folder
     root = ET.Element("fcd-export")
     for step, now in rows.groupby("step"):
-        moment = ET.SubElement(root, "timestep", {"time": f"{0.1 * step:.2f}"})
+        moment = add(root, "timestep", time=f"{0.1 * step:.2f}")
         for row in now.itertuples():
-            values = {"id": str(row.id), "x": row.front_x, "y": row.front_y, "angle": row.angle, "speed": row.speed}
-            values |= {"type": "small"} if row.kind == "car" else {}
-            tag = "vehicle" if row.kind == "car" else "person"
-            ET.SubElement(moment, tag, {name: str(value) for name, value in values.items()})
-    gone = {"id": "8", "type": "small", "x": "-1073741824.0", "y": "0", "angle": "0", "speed": "0"}
-    ET.SubElement(root[0], "vehicle", gone)
+            values = {"id": row.id, "x": row.front_x, "y": row.front_y, "angle": row.angle, "speed": row.speed}
+            tag, of_type = ("vehicle", {"type": "small"}) if row.kind == "car" else ("person", {})
+            add(moment, tag, **values, **of_type)
+    add(root[0], "vehicle", id=8, type="small", x=-1073741824.0, y=0, angle=0, speed=0)
     ET.ElementTree(root).write(folder / "made.fcd.xml")
     return folder
 

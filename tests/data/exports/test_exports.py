@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 import made_sources
+from command_line import refusal
 from litsim_data.cli import main
 from litsim_data.exports.commonroad import CommonRoad
 from litsim_data.exports.export import Content, format_of
@@ -276,9 +277,7 @@ def test_what_cannot_be_exported(
     monkeypatch.chdir(tmp_path)
     recording = load_recording(packaged("scenarios/us101_like.parquet"))
     type(recording)(replace(recording.header, net=""), recording.columns).write(tmp_path / "alone.parquet")
-    with pytest.raises(SystemExit, match="2"):
-        main(["export", *arguments])
-    assert message in capsys.readouterr().err
+    assert message in refusal(capsys, main, "export", *arguments)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["alone.parquet"]
 
 

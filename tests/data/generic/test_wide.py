@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
+from command_line import refusal
 from litsim_data.cli import main
 from litsim_data.generic.draft import draft
 from litsim_data.generic.geography import projected
@@ -84,9 +85,7 @@ def test_published_tables_with_defects(
     path = write(tmp_path)
     assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new, 1))
-    with pytest.raises(SystemExit, match="2"):
-        main(["import", str(path), str(tmp_path / "made.parquet")])
-    assert f"error: {path}: {message}" in capsys.readouterr().err
+    assert f"error: {path}: {message}" in refusal(capsys, main, "import", path, tmp_path / "made.parquet")
 
 
 @pytest.mark.parametrize("origin", [(49.0, 8.4), (-33.9, 151.2), (64.1, -21.9), (60.4, 5.3), (78.2, 15.6)])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from command_line import refusal
 from litsim_data.cli import main
 from litsim_data.maps.check import NetCheck
 from litsim_data.maps.connectivity import Connectivity
@@ -107,9 +108,7 @@ def test_a_picture_of_a_sound_net_alone(tmp_path: Path, capsys: pytest.CaptureFi
     assert "without exit: none, without a way in: none; beginning late: AB_2, BA_2" in capsys.readouterr().out
     assert Image.open(tmp_path / "net.png").size[0] > 1000
     for bad, message in (("net.gif", "ends with .png"), ("absent/net.png", "cannot be written")):
-        with pytest.raises(SystemExit, match="2"):
-            main(["map", "--check", "urban_like", "--picture", str(tmp_path / bad)])
-        assert message in capsys.readouterr().err
+        assert message in refusal(capsys, main, "map", "--check", "urban_like", "--picture", tmp_path / bad)
 
 
 def test_every_fault_is_a_failure() -> None:

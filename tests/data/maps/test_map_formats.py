@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from command_line import refusal
 from litsim_data.cli import main
 from litsim_data.maps.check import check_net
 from litsim_data.maps.connectivity import connectivity
@@ -331,13 +332,11 @@ def test_lanelet2_without_the_package_or_an_origin(
 ) -> None:
     write_osm(tmp_path / "map.osm")
     command = ["map", "--lanelet2", str(tmp_path / "map.osm"), "--out", str(tmp_path / "map.net.xml")]
-    with pytest.raises(SystemExit, match="2"):
-        main(command)
-    assert "needs --origin LAT LON" in capsys.readouterr().err
+    assert "needs --origin LAT LON" in refusal(capsys, main, *command)
     monkeypatch.setitem(sys.modules, "lanelet2.core", None)
-    with pytest.raises(SystemExit, match="2"):
-        main([*command, "--origin", "49.0", "8.4"])
-    assert "lanelet2 is not installed here, and this needs it: `make setup-all`" in capsys.readouterr().err
+    assert "lanelet2 is not installed here, and this needs it: `make setup-all`" in refusal(
+        capsys, main, *command, "--origin", "49.0", "8.4"
+    )
 
 
 # OpenDRIVE
