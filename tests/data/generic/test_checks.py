@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_data.generic.convert import convert
-from litsim_data.generic.mapping import Mapping
+import made_tables
 from litsim_sim.core.errors import InputError
 
 COLUMNS = {
@@ -29,8 +28,7 @@ Traffic = Callable[..., pd.DataFrame]
 
 
 def converted(folder: Path, table: pd.DataFrame, **fields: Any) -> pd.DataFrame:
-    table.to_parquet(folder / "in.parquet")
-    return convert(folder / "in.parquet", Mapping.model_validate(FIELDS | fields))[0].table
+    return made_tables.converted(folder / "in.parquet", table, FIELDS | fields)[0].table
 
 
 @pytest.fixture(scope="module")

@@ -15,13 +15,14 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.recording import Recording
+from made_tables import converted, written
 
-FRONT = {
+FRONT: dict[str, Any] = {
     "name": "made",
     "columns": {"vehicle_id": "id", "frame": "n", "x": "px", "y": "py", "length": 4.0, "width": 1.8},
     "reference": "front_centre",
 }
-BOX = {
+BOX: dict[str, Any] = {
     "name": "made",
     "columns": {"vehicle_id": "id", "time": "t", "x": "px", "y": "py", "length": "l", "width": "w", "yaw": "h"},
     "reference": "box_centre",
@@ -48,12 +49,12 @@ def straight(rate: float = 10.0, seconds: float = 3.0, speed: float = 12.0, angl
 
 
 def made(tmp_path: Path, table: pd.DataFrame, fields: dict[str, Any], name: str = "in.csv") -> Recording:
-    path = tmp_path / name
-    if path.suffix == ".csv":
-        table.to_csv(path, index=False)
-    else:
-        table.to_parquet(path)
-    return convert(path, Mapping.model_validate(fields))[0]
+    return converted(tmp_path / name, table, fields)[0]
+
+
+def told(tmp_path: Path, table: pd.DataFrame, fields: dict[str, Any]) -> str:
+    """What a conversion has to tell."""
+    return converted(tmp_path / "in.csv", table, fields)[1].text()
 
 
 # What comes out
@@ -94,7 +95,7 @@ def test_rear_axles_and_corners_become_box_centres(tmp_path: Path) -> None:
 
 
 def test_speeds_by_their_components(tmp_path: Path) -> None:
-    columns = BOX["columns"] | {"speed": ["vx", "vy"]}  # type: ignore[operator]
+    columns = BOX["columns"] | {"speed": ["vx", "vy"]}
     source = straight().assign(vx=43.2 * np.cos(0.3), vy=43.2 * np.sin(0.3))
     table = made(tmp_path, source, BOX | {"columns": columns, "units": {"speed": "km/h"}}).table
     np.testing.assert_allclose(table["speed"], 12.0)
@@ -127,7 +128,7 @@ def test_transform_and_mirror(tmp_path: Path) -> None:
 
 def test_kinds_and_lanes(tmp_path: Path) -> None:
     source = straight().assign(k="van", lane=2)
-    columns = FRONT["columns"] | {"kind": "k", "lane": "lane"}  # type: ignore[operator]
+    columns = FRONT["columns"] | {"kind": "k", "lane": "lane"}
     table = made(tmp_path, source, FRONT | {"columns": columns, "kinds": {"van": "truck"}}).table
     assert set(table["kind"]) == {Kind.TRUCK}
     assert set(table["lane"]) == {2}
@@ -137,18 +138,17 @@ def test_kinds_and_lanes(tmp_path: Path) -> None:
 
 def test_lanes_are_those_of_the_nearest_rows(tmp_path: Path) -> None:
     table = straight(rate=2.0, seconds=2.0).assign(lane=[1, 1, 2, 2, 2])
-    fields = BOX | {"columns": {**BOX["columns"], "lane": "lane"}}  # type: ignore[dict-item]
+    fields = BOX | {"columns": {**BOX["columns"], "lane": "lane"}}
     assert made(tmp_path, table, fields).table["lane"].tolist() == 8 * [1] + 13 * [2]
 
 
 def test_what_a_mapping_leaves_open_is_told(tmp_path: Path) -> None:
     table = pd.concat([straight(), straight().assign(id="car 1", py=20.0, h=0.0, px=np.arange(31) * 1.2)])
-    path = tmp_path / "in.csv"
-    table.assign(what=table["id"].str[:-2]).to_csv(path, index=False)
-    said = convert(path, Mapping.model_validate(FRONT))[1].text()
+    table = table.assign(what=table["id"].str[:-2])
+    said = told(tmp_path, table, FRONT)
     assert "unknown    2 vehicles, as the mapping has no field columns.kind" in said and "size of all" not in said
     known = {"columns": FRONT["columns"] | {"kind": "what"}, "kinds": {"truck": "truck", "car": "car"}}
-    said = convert(path, Mapping.model_validate(FRONT | known))[1].text()
+    said = told(tmp_path, table, FRONT | known)
     assert "unknown" not in said and "sizes      1 trucks or motorcycles have the size of all vehicles" in said
 
 
@@ -156,10 +156,8 @@ def test_a_track_is_what_most_of_its_rows_say(tmp_path: Path) -> None:
     table = pd.concat([straight(), straight().assign(n=lambda rows: rows["n"] + 100)], ignore_index=True)
     table["what"] = ["unsure"] * 3 + ["truck"] * 26 + ["walker"] * 2 + ["unsure"] + ["car"] * 30
     kinds = {"truck": "truck", "walker": "drop", "car": "car", "unsure": "unknown"}
-    path = tmp_path / "in.csv"
-    table.sample(frac=1.0, random_state=1).to_csv(path, index=False)
     mapping = FRONT | {"columns": FRONT["columns"] | {"kind": "what"}, "kinds": kinds}
-    recording, counts = convert(path, Mapping.model_validate(mapping))
+    recording, counts = converted(tmp_path / "in.csv", table.sample(frac=1.0, random_state=1), mapping)
     tracks = recording.table.groupby("vehicle_id")["kind"]
     assert tracks.unique().map(list).tolist() == [[Kind.TRUCK], [Kind.CAR]], "an id that is used again is another track"
     assert tracks.size().tolist() == [31, 31]
@@ -167,28 +165,23 @@ def test_a_track_is_what_most_of_its_rows_say(tmp_path: Path) -> None:
     assert "unknown" not in counts.text()
 
     table.loc[:20, "what"] = "walker"
-    table.to_csv(path, index=False)
-    counts = convert(path, Mapping.model_validate(mapping))[1]
+    counts = converted(tmp_path / "in.csv", table, mapping)[1]
     assert counts.left_out == {"kind walker": 23, "of a track most of whose rows are dropped": 8}
 
 
 def test_a_vehicle_that_is_there_twice_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "in.csv"
     table = pd.concat([straight(), straight().assign(id="truck 8", px=lambda rows: rows["px"] + 1.0)])
-    table.to_csv(path, index=False)
-    said = convert(path, Mapping.model_validate(BOX))[1].text()
-    assert "overlaps   1 pairs of vehicles overlap for a second or more, above all 1 and 2 for 3.1 s" in said
-    table.assign(py=table["py"].where(table["id"] == "truck 7", table["py"] + 3.0)).to_csv(path, index=False)
-    assert "overlaps" not in convert(path, Mapping.model_validate(BOX))[1].text()
+    said = "overlaps   1 pairs of vehicles overlap for a second or more, above all 1 and 2 for 3.1 s"
+    assert said in told(tmp_path, table, BOX)
+    beside = table.assign(py=table["py"].where(table["id"] == "truck 7", table["py"] + 3.0))
+    assert "overlaps" not in told(tmp_path, beside, BOX)
 
 
 def test_headings_that_turn_as_none_does_are_told(tmp_path: Path) -> None:
-    table, path = straight(seconds=30.0), tmp_path / "in.csv"
-    table.to_csv(path, index=False)
-    assert "turns" not in convert(path, Mapping.model_validate(BOX))[1].text()
+    table = straight(seconds=30.0)
+    assert "turns" not in told(tmp_path, table, BOX)
     table.loc[7, "h"] += np.pi
-    table.to_csv(path, index=False)
-    said = convert(path, Mapping.model_validate(BOX))[1].text()
+    said = told(tmp_path, table, BOX)
     assert "turns      2 times" in said and "by 180 degrees within 0.1 s" in said and "lines 8 and 9" in said
 
 
@@ -277,14 +270,13 @@ def test_several_files_are_one_table(tmp_path: Path) -> None:
 
     def convert_all() -> Recording:
         for path, table in zip(paths, (driving, later, walking), strict=True):
-            table.to_csv(path, index=False)
+            written(path, table)
         return convert(paths, mapping)[0]
 
     recording = convert_all()
     assert recording.table.groupby("vehicle_id").size().to_dict() == {88: 41, 89: 31}
     assert recording.header.notes["file"] == "a.csv, b.csv, walking.csv"
-    whole = tmp_path / "whole.csv"
-    pd.concat([driving, later, walking]).to_csv(whole, index=False)
+    whole = written(tmp_path / "whole.csv", pd.concat([driving, later, walking]))
     pd.testing.assert_frame_equal(convert(whole, mapping)[0].table, recording.table)
     later["l"] = later["l"].astype(object)
     later.iloc[3, later.columns.get_loc("l")] = "long"
@@ -316,23 +308,23 @@ def test_times_that_no_frame_falls_into(tmp_path: Path) -> None:
         ({"colour": 1}, "colour: Extra inputs are not permitted"),
         ({"units": {"position": "yard"}}, "units.position: Input should be 'm', 'ft' or 'cm'"),
         ({"columns": {"vehicle_id": "id"}}, "columns.x: Field required"),
-        ({"columns": FRONT["columns"] | {"time": "t"}}, "columns: give either frame or time"),  # type: ignore[operator]
+        ({"columns": FRONT["columns"] | {"time": "t"}}, "columns: give either frame or time"),
         (
-            {"columns": FRONT["columns"] | {"y": "px"}},  # type: ignore[operator]
+            {"columns": FRONT["columns"] | {"y": "px"}},
             "columns: x and y are both column 'px', expected two",
         ),
         (
-            {"columns": FRONT["columns"] | {"speed": ["v", "v"]}},  # type: ignore[operator]
+            {"columns": FRONT["columns"] | {"speed": ["v", "v"]}},
             "columns: speed_x and speed_y are both column 'v', expected two",
         ),
         ({"transform": {"x": float("nan")}}, "transform.x: Input should be a finite number, found nan"),
         (
-            {"columns": FRONT["columns"] | {"speed": ["v"]}},  # type: ignore[operator]
+            {"columns": FRONT["columns"] | {"speed": ["v"]}},
             "columns.speed: expected a column, or the two of its components, [vx, vy], found ['v']",
         ),
         *(
             (
-                {"columns": FRONT["columns"] | {"length": size}},  # type: ignore[operator]
+                {"columns": FRONT["columns"] | {"length": size}},
                 f"columns.length: expected a column, or a number greater than 0, found {size!r}$",
             )
             for size in ([1, 2], True, -4.5, 0)
@@ -359,14 +351,12 @@ def test_the_documented_examples(tmp_path: Path) -> None:
     )
     n = np.arange(60)
     source = pd.DataFrame({"Vehicle": 4, "Frame": n, "Along": 3.0 * n, "Left": 6.0, "Length": 15.0, "Width": 6.0})
-    source.assign(Class=2, Lane=1).to_csv(tmp_path / "front.csv", index=False)
-    table = convert(tmp_path / "front.csv", front)[0].table
+    table = convert(written(tmp_path / "front.csv", source.assign(Class=2, Lane=1)), front)[0].table
     np.testing.assert_allclose(table["x"], 0.3048 * (3.0 * n - 7.5), atol=0.05)
     np.testing.assert_allclose(table["speed"], 9.144, atol=0.05)
     assert set(table["kind"]) == {Kind.CAR}
     source = pd.DataFrame({"trackId": 4, "frame": n, "xCenter": 0.4 * n, "yCenter": 2.0, "heading": 0.0, "v": 36.0})
-    source.to_csv(tmp_path / "box.csv", index=False)
-    table = convert(tmp_path / "box.csv", box)[0].table
+    table = convert(written(tmp_path / "box.csv", source), box)[0].table
     np.testing.assert_allclose(table["x"], 252.0)
     np.testing.assert_allclose(table["y"], -30.0 + table["frame"])
     np.testing.assert_allclose(table["yaw"], np.pi / 2)
@@ -399,10 +389,9 @@ def test_no_frame_is_lost_by_the_size_of_a_clock(tmp_path: Path, unit: str, fact
 
 
 def test_who_reverses_has_no_speed(tmp_path: Path) -> None:
-    fields = BOX | {"columns": BOX["columns"] | {"speed": "v"}, "clean": False}  # type: ignore[operator]
+    fields = BOX | {"columns": BOX["columns"] | {"speed": "v"}, "clean": False}
     table = straight().assign(v=lambda rows: rows["v"].where(rows["n"] != 7, -0.02))
-    table.to_csv(tmp_path / "in.csv", index=False)
-    recording, counts = convert(tmp_path / "in.csv", Mapping.model_validate(fields))
+    recording, counts = converted(tmp_path / "in.csv", table, fields)
     assert recording.table["speed"].tolist() == pytest.approx([12.0] * 7 + [0.0] + [12.0] * 23)
     assert "speeds     1 rows below 0" in counts.text()
     assert recording.header.notes["rows_backwards"] == 1
@@ -436,9 +425,8 @@ def test_who_reverses_stays_where_it_was_or_is_told(tmp_path: Path) -> None:
     turns = backs.assign(id=2, px=np.where(t < 5, -1.5 * t, -7.5 + (t - 5.0) ** 2), py=20.0)
     drives = backs.assign(id=3, px=8.0 * t, py=40.0)
     columns = {"vehicle_id": "id", "frame": "n", "x": "px", "y": "py", "length": "l", "width": "w", "yaw": "h"}
-    path, fields = tmp_path / "in.csv", {**FRONT, "columns": columns, "reference": "box_centre", "clean": True}
-    pd.concat([backs, turns, drives]).to_csv(path, index=False)
-    recording, counts = convert(path, Mapping.model_validate(fields | {"accept": ["heading"]}))
+    fields = {**FRONT, "columns": columns, "reference": "box_centre", "clean": True, "accept": ["heading"]}
+    recording, counts = converted(tmp_path / "in.csv", pd.concat([backs, turns, drives]), fields)
     backed = recording.table[recording.table["vehicle_id"] == 1]
     np.testing.assert_allclose(backed["x"], backs["px"], atol=0.05)
     moved = recording.header.notes["moved_by_cleaning_m"]
@@ -449,7 +437,7 @@ def test_who_reverses_stays_where_it_was_or_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("reference", ["box_centre", "front_centre"])
 @pytest.mark.parametrize("smooth", [True, False])
 def test_who_waits_does_not_turn_by_noise(tmp_path: Path, reference: str, smooth: bool) -> None:
-    columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}  # type: ignore[attr-defined]
+    columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}
     fields = BOX | {"columns": columns, "reference": reference, "clean": smooth}
     table = made(tmp_path, waiting(0.15), fields).table
     stands = table[table["frame"] > 60]
@@ -458,17 +446,16 @@ def test_who_waits_does_not_turn_by_noise(tmp_path: Path, reference: str, smooth
     np.testing.assert_allclose(stands[["x", "y"]], np.broadcast_to([50.0, middle], (len(stands), 2)), atol=0.9)
 
 
-@pytest.mark.parametrize(("noise", "clean", "told"), [(0.0, None, ""), (0.1, False, "rough "), (0.1, None, "noisy ")])
-def test_noise_is_told(tmp_path: Path, noise: float, clean: bool | None, told: str) -> None:
-    columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}  # type: ignore[attr-defined]
-    waiting(noise).to_csv(tmp_path / "in.csv", index=False)
-    recording, counts = convert(tmp_path / "in.csv", Mapping.model_validate(BOX | {"columns": columns, "clean": clean}))
-    assert [word for word in ("rough ", "noisy ") if word in counts.text()] == [told] * bool(told)
-    assert ("noise" in recording.header.notes) == (told == "noisy ")
+@pytest.mark.parametrize(("noise", "clean", "said"), [(0.0, None, ""), (0.1, False, "rough "), (0.1, None, "noisy ")])
+def test_noise_is_told(tmp_path: Path, noise: float, clean: bool | None, said: str) -> None:
+    columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}
+    recording, counts = converted(tmp_path / "in.csv", waiting(noise), BOX | {"columns": columns, "clean": clean})
+    assert [word for word in ("rough ", "noisy ") if word in counts.text()] == [said] * bool(said)
+    assert ("noise" in recording.header.notes) == (said == "noisy ")
 
 
 def test_impossible_motion_is_refused_where_it_must_not_be_cleaned(tmp_path: Path) -> None:
-    columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}  # type: ignore[attr-defined]
+    columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}
     fields = BOX | {"columns": columns}
     with pytest.raises(InputError, match=r"accelerations derived from the file reach .*: field clean of the map"):
         made(tmp_path, waiting(1.0), fields | {"clean": False})
@@ -493,9 +480,7 @@ def tractor(turn: float = 0.0, gap: float = 0.4, drift: float = 0.0) -> pd.DataF
 
 @pytest.mark.parametrize("clean", [False, True])
 def test_a_trailer_in_line_is_one_box_with_its_vehicle(tmp_path: Path, clean: bool) -> None:
-    path = tmp_path / "in.csv"
-    tractor().to_csv(path, index=False)
-    recording, counts = convert(path, Mapping.model_validate(BOX | {"clean": clean}))
+    recording, counts = converted(tmp_path / "in.csv", tractor(), BOX | {"clean": clean})
     table = recording.table
     assert counts.notes["trailers_joined"] == {"3": 2} and set(table["vehicle_id"]) == {1, 2}
     assert "trailers   one box with the vehicle that tows them: 3 of 2" in counts.text()
@@ -506,29 +491,22 @@ def test_a_trailer_in_line_is_one_box_with_its_vehicle(tmp_path: Path, clean: bo
 
 
 def test_a_trailer_that_turns_against_its_vehicle_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "in.csv"
-    tractor(turn=0.3).to_csv(path, index=False)
-    recording, counts = convert(path, Mapping.model_validate(BOX))
+    recording, counts = converted(tmp_path / "in.csv", tractor(turn=0.3), BOX)
     assert counts.notes["trailers_apart"] == {"3": 2} and set(recording.table["vehicle_id"]) == {1, 2, 3}
     assert "trailers   3 of 2: tracks of their own" in counts.text()
 
 
 @pytest.mark.parametrize("apart", [{"gap": 3.0}, {"drift": 0.1}])
 def test_vehicles_that_follow_each_other_are_no_trailers(apart: dict[str, float], tmp_path: Path) -> None:
-    path = tmp_path / "in.csv"
-    tractor(**apart).to_csv(path, index=False)
-    counts = convert(path, Mapping.model_validate(BOX))[1]
-    assert "trailers" not in counts.text()
+    assert "trailers" not in told(tmp_path, tractor(**apart), BOX)
 
 
-@pytest.mark.parametrize(("height", "told"), [(7.0, True), (2.0, False)])
-def test_vehicles_on_two_levels_are_told(height: float, told: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("height", "apart"), [(7.0, True), (2.0, False)])
+def test_vehicles_on_two_levels_are_told(height: float, apart: bool, tmp_path: Path) -> None:
     east = straight(angle=0.0, seconds=6.0).assign(id="1", z=0.0)
     north = straight(angle=0.5 * np.pi, seconds=6.0).assign(id="2", z=height)
     north = north.assign(px=41.0, py=north["py"] - 36.0)
-    path = tmp_path / "in.csv"
-    pd.concat([east, north]).to_csv(path, index=False)
-    text = convert(path, Mapping.model_validate(BOX))[1].text()
+    text = told(tmp_path, pd.concat([east, north]), BOX)
     line = f"levels     column 'z' spans {height:.1f} m and is not used, though 1 pairs of vehicles are near"
-    assert (line in text) == told
-    assert ("rows: {z: {max: 3.0}}" in text) == told
+    assert (line in text) == apart
+    assert ("rows: {z: {max: 3.0}}" in text) == apart

@@ -18,7 +18,7 @@ Traffic = Callable[..., pd.DataFrame]
 OPTIONAL = {"heading": "yaw", "speed": "speed"}
 
 
-def drafted(path: Path) -> Mapping:
+def drafted(path: Path | list[Path]) -> Mapping:
     return Mapping.model_validate(yaml.safe_load(draft(path)))
 
 
@@ -108,7 +108,7 @@ def test_people_need_no_headings(tmp_path: Path, traffic: Traffic) -> None:
     traffic().to_csv(tmp_path / "vehicles.csv", index=False)
     people.drop(columns=["heading", "length", "width"]).to_csv(tmp_path / "people.csv", index=False)
     files = [tmp_path / "vehicles.csv", tmp_path / "people.csv"]
-    mapping = Mapping.model_validate(yaml.safe_load(draft(files)))
+    mapping = drafted(files)
     assert mapping.columns.yaw == "heading" and mapping.kinds == {"car": "car", "pedestrian/bicycle": "drop"}
     assert set(convert(files, mapping)[0].table["vehicle_id"]) == {1, 2, 3, 4, 5}
 

@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_data.generic.convert import convert
-from litsim_data.generic.mapping import Mapping
+import made_tables
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
 
@@ -38,10 +37,8 @@ def errors(folder: Path, axle: pd.DataFrame, reference: str, noise: FloatArray |
     cos, sin = np.cos(axle["yaw"]), np.sin(axle["yaw"])
     at = AHEAD[reference] * LENGTH
     table = pd.DataFrame({"id": 1, "t": axle["t"], "x": axle["x"] + at * cos, "y": axle["y"] + at * sin}) + noise
-    table.assign(id=1).to_csv(folder / "in.csv", index=False)
-    made = convert(folder / "in.csv", Mapping.model_validate(FIELDS | {"reference": reference, "clean": False}))[
-        0
-    ].table
+    fields = FIELDS | {"reference": reference, "clean": False}
+    made = made_tables.converted(folder / "in.csv", table.assign(id=1), fields)[0].table
     t = made["frame"].to_numpy() * 0.1
     x, y, yaw = (np.interp(t, axle["t"], axle[name]) for name in ("x", "y", "yaw"))
     centre = 0.29 * LENGTH

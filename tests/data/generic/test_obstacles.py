@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_data.generic.convert import convert
-from litsim_data.generic.mapping import Mapping
+import made_tables
 from litsim_data.generic.obstacles import USUAL_SIZES
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
@@ -38,9 +37,8 @@ def people(**columns: object) -> pd.DataFrame:
 
 
 def converted(table: pd.DataFrame, folder: Path, **fields: object) -> tuple[pd.DataFrame, dict[str, object], str]:
-    table.to_csv(folder / "case.csv", index=False)
     usual = {"name": "case", "columns": COLUMNS, "reference": "box_centre", "kinds": KINDS}
-    recording, counts = convert(folder / "case.csv", Mapping.model_validate(usual | fields))
+    recording, counts = made_tables.converted(folder / "case.csv", table, usual | fields)
     return recording.table, recording.header.notes, counts.text()
 
 

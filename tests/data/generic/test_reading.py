@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import made_tables
 from litsim_data.generic.convert import convert
 from litsim_data.generic.counts import Counts
 from litsim_data.generic.mapping import Mapping
@@ -24,12 +25,7 @@ Traffic = Callable[..., pd.DataFrame]
 @pytest.fixture
 def converted(tmp_path: Path) -> Callable[..., tuple[Recording, Counts]]:
     def run(table: pd.DataFrame, name: str = "in.csv", **fields: Any) -> tuple[Recording, Counts]:
-        path = tmp_path / name
-        if path.suffix == ".csv":
-            table.to_csv(path, index=False)
-        else:
-            table.to_parquet(path)
-        return convert(path, Mapping.model_validate(FIELDS | fields))
+        return made_tables.converted(tmp_path / name, table, FIELDS | fields)
 
     return run
 

@@ -8,9 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import made_tables
 from litsim_data.generic.checks import sides
-from litsim_data.generic.convert import convert
-from litsim_data.generic.mapping import Mapping
 from litsim_sim.core.errors import InputError
 
 COLUMNS = {"vehicle_id": "id", "time": "t", "x": "x", "y": "y", "yaw": "yaw", "length": 4.5, "width": 1.8}
@@ -36,10 +35,9 @@ def road(lanes_right: int, lanes_back: int, mirrored: bool = False, strip: float
 
 
 def converted(folder: Path, table: pd.DataFrame, lanes: bool = False, **fields: Any) -> pd.DataFrame:
-    table.to_parquet(folder / "in.parquet")
     columns = COLUMNS | ({"lane": "lane"} if lanes else {})
     mapping = {"name": "made", "columns": columns, "reference": "box_centre"} | fields
-    return convert(folder / "in.parquet", Mapping.model_validate(mapping))[0].table
+    return made_tables.converted(folder / "in.parquet", table, mapping)[0].table
 
 
 @pytest.mark.parametrize("lanes", [False, True])
