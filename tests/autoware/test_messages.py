@@ -8,8 +8,6 @@ import pytest
 pytest.importorskip("autoware_perception_msgs", reason="Autoware's messages are not built (tools/interfaces.sh)")
 
 from autoware_perception_msgs.msg import (
-    DetectedObject,
-    DetectedObjects,
     ObjectClassification,
     PredictedObject,
     PredictedObjects,
@@ -37,12 +35,7 @@ STAMP_NS = 12_300_000_000
 
 @pytest.mark.parametrize("agents", [0, 1, 7])
 @pytest.mark.parametrize(
-    ("write", "kind"),
-    [
-        (objects.predicted_objects, PredictedObjects),
-        (objects.tracked_objects, TrackedObjects),
-        (objects.detected_objects, DetectedObjects),
-    ],
+    ("write", "kind"), [(objects.predicted_objects, PredictedObjects), (objects.tracked_objects, TrackedObjects)]
 )
 def test_objects(write: Any, kind: Any, agents: int) -> None:
     table = made_table(agents)
@@ -58,9 +51,8 @@ def test_objects(write: Any, kind: Any, agents: int) -> None:
         labels = ObjectClassification
         wanted = {0: labels.CAR, 1: labels.TRUCK, 2: labels.MOTORCYCLE, 3: labels.BICYCLE, 4: labels.PEDESTRIAN}
         assert [each.label for each in found.classification] == [wanted.get(int(kind_of), labels.UNKNOWN)]
-        if accel is not None:
-            assert accel.linear.x == table.acceleration[row]
-            assert int.from_bytes(bytes(found.object_id.uuid[8:]), "little") == table.id[row]
+        assert accel.linear.x == table.acceleration[row]
+        assert int.from_bytes(bytes(found.object_id.uuid[8:]), "little") == table.id[row]
         if path is not None:
             assert (len(path.path), path.time_step.nanosec, path.confidence) == (11, 500_000_000, 1.0)
             away = np.hypot(path.path[-1].position.x - table.x[row], path.path[-1].position.y - table.y[row])
@@ -79,14 +71,14 @@ def test_objects_are_what_the_ego_is_told(make_scenario, track) -> None:
 
 
 def parts_of(found: Any) -> tuple[Any, Any, Any, Any]:
-    """Pose, twist, acceleration and predicted path of an object; None for what its kind does not have."""
+    """Pose, twist, acceleration and predicted path of an object; None for the path of one that is tracked."""
     about = found.kinematics
     if isinstance(found, PredictedObject):
         accel = about.initial_acceleration_with_covariance.accel
         pose, twist = about.initial_pose_with_covariance.pose, about.initial_twist_with_covariance.twist
         return pose, twist, accel, about.predicted_paths[0]
-    accel = about.acceleration_with_covariance.accel if isinstance(found, TrackedObject) else None
-    assert isinstance(found, TrackedObject | DetectedObject)
+    assert isinstance(found, TrackedObject)
+    accel = about.acceleration_with_covariance.accel
     return about.pose_with_covariance.pose, about.twist_with_covariance.twist, accel, None
 
 

@@ -38,7 +38,13 @@ LIGHTS = {
 }
 """Colour and status of an element of a traffic light by what a signal shows."""
 
-_SEEN: Fields = (("existence", "f4"), ("classes", "u4"), ("label", "u1"), ("probability", "f4"))
+_SEEN: Fields = (
+    ("uuid", "(16,)u1"),
+    ("existence", "f4"),
+    ("classes", "u4"),
+    ("label", "u1"),
+    ("probability", "f4"),
+)
 _POSE: Fields = (("position", "(3,)f8"), ("orientation", "(4,)f8"), ("pose_covariance", "(36,)f8"))
 _TWIST: Fields = (("twist", "(6,)f8"), ("twist_covariance", "(36,)f8"))
 _ACCEL: Fields = (("acceleration", "(6,)f8"), ("acceleration_covariance", "(36,)f8"))
@@ -51,17 +57,9 @@ _PATH: Fields = (
     ("path_nanosec", "u4"),
     ("confidence", "f4"),
 )
-_IDENTIFIED: Fields = (("uuid", "(16,)u1"), *_SEEN)
 
-PREDICTED = ListMessage(header("map"), _IDENTIFIED, (*_POSE, *_TWIST, *_ACCEL, *_PATH, *_SHAPE))
-TRACKED = ListMessage(
-    header("map"), _IDENTIFIED, (*_POSE, *_TWIST, *_ACCEL, ("oriented", "u1"), ("still", "u1"), *_SHAPE)
-)
-DETECTED = ListMessage(
-    header("map"),
-    _SEEN,
-    (*_POSE, ("has_covariance", "u1"), ("oriented", "u1"), *_TWIST, ("has_twist", "u1"), ("sure", "u1"), *_SHAPE),
-)
+PREDICTED = ListMessage(header("map"), _SEEN, (*_POSE, *_TWIST, *_ACCEL, *_PATH, *_SHAPE))
+TRACKED = ListMessage(header("map"), _SEEN, (*_POSE, *_TWIST, *_ACCEL, ("oriented", "u1"), ("still", "u1"), *_SHAPE))
 GROUPS = ListMessage(
     TIME,
     (),
@@ -133,7 +131,6 @@ def predicted_objects(table: AgentTable, stamp_ns: int, forecast: Forecast | Non
     """``PredictedObjects`` of all agents of `table`, with the paths of a `forecast` of this step or one before."""
     records = _filled(PREDICTED, table)
     body = records.body
-    body["acceleration"][:, 0] = table.acceleration
     body["paths"], body["poses"], body["confidence"] = 1, POSES, 1.0
     body["path_sec"], body["path_nanosec"] = divmod(round(POSE_S * 1e9), 10**9)
     way = table.speed[:, None] * _TIMES
@@ -154,15 +151,7 @@ def predicted_objects(table: AgentTable, stamp_ns: int, forecast: Forecast | Non
 def tracked_objects(table: AgentTable, stamp_ns: int) -> bytes:
     """``TrackedObjects`` of all agents of `table`."""
     records = _filled(TRACKED, table)
-    records.body["acceleration"][:, 0] = table.acceleration
     records.body["oriented"], records.body["still"] = AVAILABLE, table.speed == 0.0
-    return records.data(stamped(stamp_ns))
-
-
-def detected_objects(table: AgentTable, stamp_ns: int) -> bytes:
-    """``DetectedObjects`` of all agents of `table`."""
-    records = _filled(DETECTED, table)
-    records.body["oriented"], records.body["has_twist"] = AVAILABLE, 1
     return records.data(stamped(stamp_ns))
 
 
@@ -202,12 +191,12 @@ def _filled(message: ListMessage, table: AgentTable) -> RecordList:
     for name in ("existence", "probability", "classes"):
         records.head(name, 1)
     records.head("label", _LABELS[table.kind])
-    if message is not DETECTED:
-        records.head("uuid", uuids_of(table.id))
+    records.head("uuid", uuids_of(table.id))
     body, height = records.body, _HEIGHTS[table.kind]
     place, size = body["position"], body["size"]
     place[:, 0], place[:, 1], place[:, 2] = table.x, table.y, 0.5 * height
     size[:, 0], size[:, 1], size[:, 2] = table.length, table.width, height
     body["orientation"] = quaternions(table.yaw)
     body["twist"][:, 0], body["twist"][:, 5] = table.speed, table.yaw_rate
+    body["acceleration"][:, 0] = table.acceleration
     return records

@@ -68,4 +68,4 @@ class StackClock:
 
     def _show(self, time_ns: int) -> None:
         if self.is_heard():
-            self._output.publish(CLOCK_MESSAGE.data(stamped(time_ns)))
+            self._output.publish(lambda: CLOCK_MESSAGE.data(stamped(time_ns)))

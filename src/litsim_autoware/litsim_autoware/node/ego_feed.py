@@ -19,7 +19,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
 from litsim_autoware.messages import vehicle
-from litsim_autoware.messages.output import QOS, Output
+from litsim_autoware.messages.output import Output
 from litsim_autoware.messages.vehicle import RearAxle
 from litsim_autoware.node.vehicle_state import VehicleState
 from litsim_sim.core.scene import STEP_NS
@@ -52,9 +52,9 @@ class EgoFeed:
     def __init__(self, node: Node, state: VehicleState) -> None:
         """Make its publishers; `state` is what is reported beside the motion."""
         self._state = state
-        self._frames = Output(node, TF.type, TF.name, TF.qos) if FRAMES else None
+        self._frames = Output(node, TF.type, TF.name if FRAMES else None, TF.qos)
         self._fixed_frames = publisher_on(node, TF_STATIC) if FRAMES else None
-        self._status = {name: Output(node, kind, topic, QOS) for name, (topic, kind) in STATUS_TOPICS.items()}
+        self._status = {name: Output(node, kind, topic) for name, (topic, kind) in STATUS_TOPICS.items()}
         self.motion: RearAxle | None = None
         self._stamp_ns, self._began = 0, 0.0  # of the step; [s] of the performance counter
         self._states = 0  # published since then
@@ -88,8 +88,7 @@ class EgoFeed:
 
     def show(self, motion: RearAxle, stamp_ns: int) -> None:
         """Publish the ego: its frame, the status of the vehicle, its pose."""
-        if self._frames is not None:
-            self._frames.publish(motion.transform(stamp_ns))
+        self._frames.publish(partial(motion.transform, stamp_ns))
         write: dict[str, Callable[[int], bytes]] = {
             "velocity": motion.velocity,
             "steering": partial(vehicle.steering_report, self._steering),
@@ -98,5 +97,4 @@ class EgoFeed:
         }
         write |= {name: partial(vehicle.report, value) for name, value in self._state.reports.items()}
         for name, output in self._status.items():
-            if output.listeners:
-                output.publish(write[name](stamp_ns))
+            output.publish(partial(write[name], stamp_ns))

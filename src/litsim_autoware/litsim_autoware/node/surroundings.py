@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from typing import Any
+from functools import partial
 
 import numpy as np
-from autoware_perception_msgs.msg import DetectedObjects, PredictedObjects, TrackedObjects, TrafficLightGroupArray
+from autoware_perception_msgs.msg import PredictedObjects, TrackedObjects, TrafficLightGroupArray
 from litsim_msgs.msg import JointForecast, SignalStates
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
@@ -16,17 +15,12 @@ from sensor_msgs.msg import PointCloud2
 from litsim_autoware.messages import objects
 from litsim_autoware.messages.cdr import ENCAPSULATION, stamped
 from litsim_autoware.messages.objects import Forecast
-from litsim_autoware.messages.output import QOS, Output
+from litsim_autoware.messages.output import Output
 from litsim_autoware.node.announced_run import AnnouncedRun
 from litsim_autoware.node.clock import CLOCK_MESSAGE
 from litsim_autoware.stack.profile import Profile
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.ros.topics import FORECASTS, SIGNALS
-
-OBJECT_LISTS: dict[str, tuple[Any, Callable[[AgentTable, int], bytes]]] = {
-    "tracked_objects": (TrackedObjects, objects.tracked_objects),
-    "detected_objects": (DetectedObjects, objects.detected_objects),
-}
 
 
 class Surroundings:
@@ -38,17 +32,11 @@ class Surroundings:
     """
 
     def __init__(self, node: Node, profile: Profile) -> None:
-        def output(kind: Any, topic: str | None) -> Output | None:
-            return Output(node, kind, topic, QOS) if topic else None
-
-        self._predicted = output(PredictedObjects, profile.objects)
-        self._lists = [
-            (Output(node, kind, topic, QOS), write)
-            for name, (kind, write) in OBJECT_LISTS.items()
-            if (topic := getattr(profile, name))
-        ]
-        self._lights = output(TrafficLightGroupArray, profile.traffic_signals)
-        self._cloud = output(PointCloud2, profile.obstacle_cloud)
+        self._predicted = Output(node, PredictedObjects, profile.objects)
+        self._predicts = profile.objects is not None
+        self._tracked = Output(node, TrackedObjects, profile.tracked_objects)
+        self._lights = Output(node, TrafficLightGroupArray, profile.traffic_signals)
+        self._cloud = Output(node, PointCloud2, profile.obstacle_cloud)
         empty = PointCloud2(height=1, is_dense=True, point_step=16)
         empty.header.frame_id = "base_link"
         self._empty_cloud = serialize_message(empty)[len(ENCAPSULATION) + 8 :]
@@ -59,7 +47,7 @@ class Surroundings:
         """Take the lights of a run, and whether it has signals and forecasts that are read."""
         self._light_ids, self._light_groups = objects.lights_of(run.scenario.signals)
         self._with_signals = SIGNALS.name in run.topics
-        self.with_forecasts = FORECASTS.name in run.topics and self._predicted is not None
+        self.with_forecasts = FORECASTS.name in run.topics and self._predicts
 
     def is_complete(self, step: int, *, with_forecast: bool) -> bool:
         """Returns whether all of a step has come: what signals show, and, if `with_forecast`, the forecast.
@@ -73,20 +61,13 @@ class Surroundings:
 
     def show(self, others: AgentTable, stamp_ns: int) -> None:
         """Publish the agents but the ego, the lights, and an empty cloud, with a stamp of the stack's time [ns]."""
-        if self._predicted is not None and self._predicted.listeners:
-            self._predicted.publish(objects.predicted_objects(others, stamp_ns, self._forecast_for(others.step)))
-        for output, write in self._lists:
-            if output.listeners:
-                output.publish(write(others, stamp_ns))
-        if self._lights is not None and self._lights.listeners and self.signals is not None:
-            states = np.frombuffer(self.signals.state, np.uint8)
-            self._lights.publish(objects.traffic_lights(self._light_ids, states[self._light_groups], stamp_ns))
-        if self._cloud is not None and self._cloud.listeners:
-            self._cloud.publish(CLOCK_MESSAGE.data(stamped(stamp_ns)) + self._empty_cloud)
-
-    def _forecast_for(self, step: int) -> Forecast | None:
-        """The forecast that gives the objects of a step their paths: the newest forecast of an earlier step."""
-        return next((forecast for forecast in reversed(self.forecasts) if forecast.step < step), None)
+        newest = next((one for one in reversed(self.forecasts) if one.step < others.step), None)  # of an earlier step
+        self._predicted.publish(partial(objects.predicted_objects, others, stamp_ns, newest))
+        self._tracked.publish(partial(objects.tracked_objects, others, stamp_ns))
+        if self.signals is not None:
+            states = np.frombuffer(self.signals.state, np.uint8)[self._light_groups]
+            self._lights.publish(partial(objects.traffic_lights, self._light_ids, states, stamp_ns))
+        self._cloud.publish(lambda: CLOCK_MESSAGE.data(stamped(stamp_ns)) + self._empty_cloud)
 
 
 def forecast_of(message: JointForecast) -> Forecast:

@@ -21,7 +21,7 @@ class Profile(BaseModel):
         description: kind of stack.
         answers: whether the ego follows the stack's control commands or its trajectory.
         starts_in: control mode of the vehicle at the start: autonomous, or manual until the stack requests another.
-        objects, tracked_objects, detected_objects: for other agents, as predicted, tracked or detected objects.
+        objects, tracked_objects: for other agents, as predicted or tracked objects.
         traffic_signals: for what traffic signals show.
         obstacle_cloud: for an empty cloud, which says that there is nothing but the objects.
         control, trajectory: of the stack, one of which the ego follows.
@@ -39,7 +39,6 @@ class Profile(BaseModel):
     starts_in: Literal["autonomous", "manual"]
     objects: str | None
     tracked_objects: str | None
-    detected_objects: str | None
     traffic_signals: str | None
     obstacle_cloud: str | None
     control: str
