@@ -18,7 +18,7 @@ from typing import Any, get_args
 
 from planted_egos import PlantedConfig, PlantedEgo, Weakness
 
-from litsim_eval.analysis.metrics_tree import measures_by_field
+from litsim_eval.analysis.metrics import measures_by_field
 from litsim_eval.campaign.case import Case, cases_of
 from litsim_eval.campaign.criteria import SAFETY, Criteria
 from litsim_eval.campaign.suite import Suite

@@ -38,8 +38,8 @@ setup(
         ],
         # See litsim_sim.core.plugins for the groups.
         "litsim.stages": [
-            "bridge = litsim_sim.nodes.bridge_options:bridge_stage",
-            "recorder = litsim_sim.nodes.recorder_options:recorder_stage",
+            "bridge = litsim_sim.nodes.options:bridge_stage",
+            "recorder = litsim_sim.nodes.options:recorder_stage",
         ],
     },
 )

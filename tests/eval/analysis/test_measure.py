@@ -11,7 +11,7 @@ from rich.console import Console
 
 from campaigns import stored, summarised_metrics
 from documentation import ROOT
-from litsim_eval.analysis import metrics, metrics_tree, summary
+from litsim_eval.analysis import metrics, summary
 from litsim_eval.analysis.measure import Better, Measure
 from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.report.campaign_content import fields_of
@@ -26,7 +26,7 @@ assert spec and spec.loader
 tool = module_from_spec(spec)
 spec.loader.exec_module(tool)
 
-MADE = (metrics.added, metrics.measures, metrics_tree.metric_fields, metrics_tree.measures_by_field, summary.all_rows)
+MADE = (metrics.added, metrics.measures, metrics.metric_fields, metrics.measures_by_field, summary.all_rows)
 FASTEST = Measure(
     "fastest",
     lambda run: max(float(table.speed.max()) for table in run.tables),

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.analysis.metrics_tree import find_field, leaves, metric_fields
+from litsim_eval.analysis.metrics import compute_metrics, find_field, leaves, metric_fields
 from litsim_sim.core.scene import Controller
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.mission import Mission

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from litsim_eval.analysis.metrics_tree import find_field, leaves
+from litsim_eval.analysis.metrics import find_field, leaves
 from litsim_eval.campaign.criteria import Criteria, Criterion, Outcome, SuiteCriterion, Verdict
 from litsim_sim.core.errors import InputError
 

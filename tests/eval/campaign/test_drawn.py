@@ -7,8 +7,8 @@ from rich.console import Console
 
 from campaigns import CRITERIA, EGOS, cases, metrics
 from litsim_eval.campaign.case import Case
-from litsim_eval.campaign.drawn import drawn_cases
 from litsim_eval.campaign.results import RunResult
+from litsim_eval.campaign.variant_summary import drawn_cases
 from litsim_eval.runs.case_run import plan_of
 from litsim_eval.runs.summary_table import print_drawn
 

@@ -11,8 +11,8 @@ import pytest
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.campaign.criteria import CriterionResult
 from litsim_eval.report import run_report
+from litsim_eval.report.content import moments
 from litsim_eval.report.forecasts import Forecasts
-from litsim_eval.report.moments import moments
 from litsim_eval.report.plans import Plans
 from litsim_eval.report.verdict import verdict_in, verdict_text
 from litsim_sim.record.run import Run

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from litsim_eval.analysis.metrics_tree import measures_by_field
+from litsim_eval.analysis.metrics import measures_by_field
 from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.campaign.results import Campaign, read_campaign
 from litsim_eval.report.campaign_content import criteria_of, fields_of, pack_campaign

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.analysis.metrics_tree import leaves
+from litsim_eval.analysis.metrics import compute_metrics, leaves
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import find_mcap
 from litsim_sim.record.run import read_run

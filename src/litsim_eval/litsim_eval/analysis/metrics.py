@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from difflib import get_close_matches
 from functools import cache, partial, reduce
+from itertools import chain
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from litsim_eval.analysis.measure import Measure, Row, Table, mean
+from litsim_eval.analysis.measure import Measure, MetricField, Row, Table, mean
 from litsim_eval.analysis.measures import (
     answers,
     comfort,
@@ -39,6 +41,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import write_text
 from litsim_sim.record.run import Run
 
+NEAR_MAX = 5
 METRICS_FILE = "metrics.json"
 ADDED = "added"
 """Field of `metrics.json` that holds the values of added measures, by the names of their entry points."""
@@ -163,3 +166,45 @@ def _not_finite(value: Any, name: str = "") -> Iterator[str]:
             yield from _not_finite(below, f"{name}.{key}" if name else str(key))
     elif isinstance(value, float) and not np.isfinite(value):
         yield name
+
+
+def leaves(tree: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Returns the leaves of a tree of measures by their paths, joined by dots; a list is a leaf."""
+    by_path: dict[str, Any] = {}
+    for key, value in tree.items():
+        by_path |= leaves(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+    return by_path
+
+
+@cache
+def metric_fields() -> tuple[MetricField, ...]:
+    """Returns every field that a run may have, in the order of `metrics.json`."""
+    return tuple(field for measure in measures() for field in measure.fields)
+
+
+@cache
+def measures_by_field() -> dict[str, Measure]:
+    """Returns all measures by the paths of their fields, with `*` for a key that depends on the run."""
+    return {field.name: measure for measure in measures() for field in measure.fields}
+
+
+def find_field(name: str) -> MetricField:
+    """Returns the field called `name`.
+
+    Raises:
+        ValueError: there is none; the message suggests similar names.
+    """
+    for field in metric_fields():
+        if field.covers(name):
+            return field
+    raise ValueError(f"no field {name} of metrics.json{_near(name)}")
+
+
+def _near(name: str) -> str:
+    names = [field.name for field in metric_fields()]
+    last = name.rsplit(".", 1)[-1]
+    alike = get_close_matches(last, {path.rsplit(".", 1)[-1] for path in names}, NEAR_MAX, 0.75)
+    same_end = [path for path in names if path.rsplit(".", 1)[-1] in alike]
+    below = [path for path in names if path.startswith(f"{name}.")]
+    nearest = dict.fromkeys(chain(below, get_close_matches(name, names, NEAR_MAX), same_end))
+    return f" (near: {', '.join(list(nearest)[:NEAR_MAX])})" if nearest else "; docs/metrics.md has all"

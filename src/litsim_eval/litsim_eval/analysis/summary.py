@@ -9,8 +9,7 @@ from typing import Any
 
 from litsim_eval.analysis.measure import Better, Measure, Metrics, Row, Table, figure_at, total
 from litsim_eval.analysis.measures.displacement import HORIZONS_S
-from litsim_eval.analysis.metrics import ADDED, measures
-from litsim_eval.analysis.metrics_tree import leaves, metric_fields
+from litsim_eval.analysis.metrics import ADDED, leaves, measures, metric_fields
 from litsim_sim.core.errors import shown
 
 MARK = "*"

@@ -106,41 +106,18 @@ class Case:
 
     def to_json(self) -> dict[str, Any]:
         """Returns the case as values for JSON; the inverse of :meth:`from_json`."""
-        return {
-            "id": self.id,
-            "key": self.key,
-            "name": self.name,
-            "scenario": self.scenario,
-            "ego_id": self.ego_id,
-            "ego": self.ego.name,
-            "ego_setup": self.ego.model_dump(mode="json"),
-            "policy": self.policy,
-            "label": self.label,
-            "variant": self.variant,
-            "seed": self.seed,
-            "draw": self.draw,
-            "end_after_contact_s": self.end_after_contact_s,
-            "parameters": dict(self.parameters),
-            "execution_mode": self.execution_mode,
-            "files": dict(self.files),
-            "tags": list(self.tags),
-            "events": [dict(event) for event in self.events],
-        }
+        own = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        own |= {"ego": self.ego.name, "ego_setup": self.ego.model_dump(mode="json"), "variant": self.variant}
+        return own | {"parameters": dict(self.parameters), "tags": [*self.tags], "events": [*self.events]}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Case:
         """Returns what :meth:`to_json` was made of; raises KeyError or ValueError for other values."""
-        apart = ("ego", "parameters", "draw", "end_after_contact_s", "execution_mode", "files")
-        own = {field: values[field] for field in cls.__dataclass_fields__ if field not in apart}
-        own |= {
-            "draw": values.get("draw"),  # was not always there
-            "end_after_contact_s": values.get("end_after_contact_s"),  # likewise
-            "execution_mode": values.get("execution_mode") or values["shell"],  # its name in format 1
-            "files": values.get("files", {}),  # was not always there
-            "tags": tuple(values["tags"]),
-            "events": tuple(values["events"]),
-        }
-        return cls(ego=EgoSetup(**values["ego_setup"]), parameters=tuple(values["parameters"].items()), **own)
+        own = {"draw": None, "end_after_contact_s": None, "files": {}, **values}  # which were not always there
+        own["execution_mode"] = values.get("execution_mode") or values["shell"]  # its name in format 1
+        own |= {"ego": EgoSetup(**values["ego_setup"]), "parameters": tuple(values["parameters"].items())}
+        own |= {"tags": tuple(values["tags"]), "events": tuple(values["events"])}
+        return cls(**{name: own[name] for name in cls.__dataclass_fields__})
 
 
 def what_differs(one: Case, other: Case, versions: Mapping[str, str], other_versions: Mapping[str, str]) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from litsim_eval.analysis.compare import OF_AN_EXECUTION
-from litsim_eval.analysis.metrics_tree import leaves
+from litsim_eval.analysis.metrics import leaves
 from litsim_eval.campaign.bootstrap import LEVEL, RESAMPLES, SEED, percentile_bounds, ratios, times_drawn
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.criteria import CriterionResult, Verdict

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from litsim_eval.analysis.measure import COUNT, SHARE, MetricField
-from litsim_eval.analysis.metrics_tree import find_field, leaves
+from litsim_eval.analysis.metrics import find_field, leaves
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import packaged
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from litsim_eval.analysis.metrics_tree import find_field, leaves
+from litsim_eval.analysis.metrics import find_field, leaves
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.criteria import Verdict, counted
 from litsim_eval.campaign.results import Campaign

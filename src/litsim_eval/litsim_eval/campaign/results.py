@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from litsim_eval.analysis.measure import Metrics, in_percent, percent
+from litsim_eval.analysis.metrics import measures_by_field
 from litsim_eval.analysis.summary import check_summable
 from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.criteria import Criteria, CriterionResult, Outcome, Verdict
-from litsim_eval.campaign.reasons import what_happened
 from litsim_eval.campaign.suite import CAMPAIGN_FILE
 from litsim_sim.core.errors import InputError, shown
 from litsim_sim.core.installation import command, has_ros
@@ -242,3 +244,26 @@ def _refuse(constant: str) -> None:
 def now() -> str:
     """Returns date and time, ISO 8601, UTC."""
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def what_happened(field: str, value: Any, limit: str, metrics: Metrics) -> str:
+    """Returns a sentence on the criterion that a run misses; empty if there is none for its field.
+
+    It is that of the measure, or of a title with a unit; of all else the criterion itself says enough.
+
+    Args:
+        field, value, limit: of the criterion, see :class:`litsim_eval.campaign.criteria.CriterionResult`.
+        metrics: of the run.
+    """
+    measure = measures_by_field().get(field)
+    if measure is None or value is None:
+        return "" if measure is None else measure.missing
+    with suppress(KeyError, TypeError, ValueError):  # of measures by an earlier version
+        if measure.sentence is not None:
+            return measure.sentence(value, limit, metrics)
+        name = measure.title.format(field.rpartition(".")[2])
+        if name and measure.share:
+            return f"{name} {percent(value)}, expected {in_percent(limit)}"
+        if name and measure.unit:
+            return f"{name} {value:.2f} {measure.unit}, expected {limit} {measure.unit}"
+    return ""

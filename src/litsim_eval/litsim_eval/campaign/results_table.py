@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -10,30 +11,28 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from litsim_eval.analysis.measure import ANY_KEY
-from litsim_eval.analysis.metrics_tree import leaves, metric_fields
+from litsim_eval.analysis.metrics import leaves, metric_fields
 from litsim_eval.campaign.criteria import counted
 from litsim_eval.campaign.results import RunResult
 from litsim_sim.io.files import replacing
 
 TABLE_FILE = "results.parquet"
-OF_THE_RUN = pa.schema(
-    [
-        ("id", pa.string()),
-        ("scenario", pa.string()),
-        ("ego_id", pa.int64()),
-        ("ego", pa.string()),
-        ("policy", pa.string()),
-        ("variant", pa.string()),
-        ("seed", pa.int64()),
-        ("draw", pa.int64()),
-        ("tags", pa.list_(pa.string())),
-        ("verdict", pa.string()),
-        ("reason", pa.string()),
-        ("digest", pa.string()),
-        ("wall_s", pa.float64()),
-    ]
-)
-"""The first columns; those of the measures follow."""
+OF_THE_RUN: dict[str, tuple[pa.DataType, Callable[[RunResult], Any]]] = {
+    "id": (pa.string(), attrgetter("case.id")),
+    "scenario": (pa.string(), lambda result: Path(result.case.scenario).stem),
+    "ego_id": (pa.int64(), attrgetter("case.ego_id")),
+    "ego": (pa.string(), attrgetter("case.ego.name")),
+    "policy": (pa.string(), attrgetter("case.policy")),
+    "variant": (pa.string(), attrgetter("case.variant")),
+    "seed": (pa.int64(), lambda result: (result.metrics or {}).get("seed", result.case.seed)),
+    "draw": (pa.int64(), attrgetter("case.draw")),
+    "tags": (pa.list_(pa.string()), attrgetter("case.tags")),
+    "verdict": (pa.string(), attrgetter("verdict.value")),
+    "reason": (pa.string(), attrgetter("reason")),
+    "digest": (pa.string(), lambda result: (result.metrics or {}).get("digest")),
+    "wall_s": (pa.float64(), attrgetter("wall_s")),
+}
+"""The first columns, each with its type and its value for a result; those of the measures follow."""
 
 
 def write_results_table(results: Sequence[RunResult], path: Path) -> None:
@@ -52,10 +51,7 @@ def results_table(results: Sequence[RunResult]) -> pa.Table:
     A column is called by the dotted path of its measure in `metrics.json`. Of a list it has the length, as in criteria.
     A value is null if a run does not have the measure, or could not be measured.
     """
-    columns = {
-        field.name: pa.array([_of_the_run(result)[field.name] for result in results], field.type)
-        for field in OF_THE_RUN
-    }
+    columns = {name: pa.array(map(value, results), kind) for name, (kind, value) in OF_THE_RUN.items()}
     runs = [{name: counted(value) for name, value in leaves(result.metrics or {}).items()} for result in results]
     of_any = dict.fromkeys(name for run in runs for name in run)
     for field in metric_fields():
@@ -66,22 +62,3 @@ def results_table(results: Sequence[RunResult]) -> pa.Table:
             values = [pa.scalar(run.get(name)).cast(kind).as_py() for run in runs]
             columns.setdefault(name, pa.array(values, kind))
     return pa.table(columns)
-
-
-def _of_the_run(result: RunResult) -> dict[str, Any]:
-    case, metrics = result.case, result.metrics or {}
-    return {
-        "id": case.id,
-        "scenario": Path(case.scenario).stem,
-        "ego_id": case.ego_id,
-        "ego": case.ego.name,
-        "policy": case.policy,
-        "variant": case.variant,
-        "seed": metrics.get("seed", case.seed),
-        "draw": case.draw,
-        "tags": case.tags,
-        "verdict": result.verdict.value,
-        "reason": result.reason,
-        "digest": metrics.get("digest"),
-        "wall_s": result.wall_s,
-    }

@@ -1,16 +1,18 @@
-"""Summary of the runs of one variant of a campaign, and how far its figures are from chance."""
+"""What the runs of a variant, or of a case with several drivers, come to, and how far the figures are from chance."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 from litsim_eval.analysis.measure import Figure, mean, total
 from litsim_eval.analysis.summary import summarise, table_rows
-from litsim_eval.campaign.bootstrap import percentile_bounds, ratios, times_drawn
+from litsim_eval.campaign.bootstrap import LEVEL, percentile_bounds, ratios, times_drawn
 from litsim_eval.campaign.criteria import PASSED_SHARE, Verdict
 from litsim_eval.campaign.results import RunResult
 from litsim_sim.core.scene import FloatArray
@@ -78,3 +80,40 @@ def _figures(results: Sequence[RunResult]) -> Iterator[tuple[str, FloatArray, Fl
             below = None if row.below is None else values(row.below)
             if below is None or not np.isnan(below[measured]).any():
                 yield row.name, np.nan_to_num(above), below if below is None else np.nan_to_num(below)
+
+
+@dataclass(frozen=True)
+class DrawnCase:
+    """A case with several draws of the background's drivers.
+
+    Attributes:
+        name: of the case, without the draw.
+        variant: of its runs.
+        drivers: number of draws whose runs could be judged.
+        failed: how many of these runs have failed.
+        probability: with which it fails, as far as these runs tell.
+        bounds: 95 % interval of the probability (Wilson 1927).
+    """
+
+    name: str
+    variant: str
+    drivers: int
+    failed: int
+    probability: float
+    bounds: tuple[float, float]
+
+
+def drawn_cases(results: Iterable[RunResult]) -> list[DrawnCase]:
+    """Returns the cases in `results` that were run with several draws, those that fail most often first."""
+    runs: dict[str, list[RunResult]] = {}
+    for result in results:
+        if result.case.draw is not None and result.verdict != Verdict.ERROR:
+            runs.setdefault(result.case.of_all_draws, []).append(result)
+    return sorted((_of_runs(name, own) for name, own in runs.items()), key=lambda case: -case.probability)
+
+
+def _of_runs(name: str, runs: list[RunResult]) -> DrawnCase:
+    failed = sum(run.verdict == Verdict.FAILED for run in runs)
+    interval = binomtest(failed, len(runs)).proportion_ci(LEVEL, method="wilson")
+    bounds = float(interval.low), float(interval.high)
+    return DrawnCase(name, runs[0].case.variant, len(runs), failed, failed / len(runs), bounds)

@@ -14,7 +14,6 @@ from rich.console import Console
 from litsim_eval.campaign.background import background_sentences
 from litsim_eval.campaign.case import code_versions
 from litsim_eval.campaign.criteria import Verdict
-from litsim_eval.campaign.drawn import drawn_cases
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.part import write_suite
 from litsim_eval.campaign.results import (
@@ -25,7 +24,7 @@ from litsim_eval.campaign.results import (
     read_results,
     rerun_command,
 )
-from litsim_eval.campaign.variant_summary import variant_bounds, variant_summary
+from litsim_eval.campaign.variant_summary import drawn_cases, variant_bounds, variant_summary
 from litsim_eval.cli.suite_arguments import add_suite_arguments, cases_to_run, refuse_unusable, suite_of
 from litsim_eval.runs.campaign import LocalRuns, conclude, run_the_rest, verdict_counts, verdict_line
 from litsim_eval.runs.case_run import TIME_LIMIT_S

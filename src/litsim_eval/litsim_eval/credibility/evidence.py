@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from litsim_eval.campaign.case import file_digest
-from litsim_eval.credibility.bars import BARS_FILE, bars_path, judged
 from litsim_eval.credibility.measures import measures
 from litsim_eval.credibility.page import PAGE_FILE
 from litsim_eval.credibility.reading import DataFile
-from litsim_eval.credibility.results import CSV_FILE, JSON_FILE, Results, write_rows
+from litsim_eval.credibility.results import BARS_FILE, CSV_FILE, JSON_FILE, Results, bars_path, judged, write_rows
 from litsim_eval.report.pages import render_text
 from litsim_eval.report.wording import leaf
 from litsim_sim.core.errors import InputError

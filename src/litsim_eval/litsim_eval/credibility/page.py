@@ -11,11 +11,10 @@ import numpy as np
 
 from litsim_data.encounters.encounter import Encounter
 from litsim_data.encounters.reaction import BY_BOXES, box_gaps, path_gaps
-from litsim_eval.credibility.bars import judged
 from litsim_eval.credibility.charts import Chart, Line, shares_up_to, span
 from litsim_eval.credibility.measures import QUANTITIES, mean_distance
 from litsim_eval.credibility.responses import Responses, sizes
-from litsim_eval.credibility.results import Results
+from litsim_eval.credibility.results import Results, judged
 from litsim_eval.credibility.table import COLUMNS, LEGEND, MORE_COLUMNS, sections, words
 from litsim_eval.report.pages import render_page
 from litsim_eval.report.wording import leaf

@@ -6,21 +6,25 @@ import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
 from litsim_data.encounters.encounter import Encounter
 from litsim_eval.campaign.bootstrap import LEVEL, RESAMPLES, SEED
 from litsim_eval.campaign.case import code_versions
-from litsim_eval.credibility.bars import judged
+from litsim_eval.campaign.criteria import CriterionResult, Limits
 from litsim_eval.credibility.measures import QUANTITIES, mean_distance, measured
 from litsim_eval.credibility.responses import Responses
 from litsim_eval.credibility.running import Drive, Outcome, Run, Setup, Task
 from litsim_sim.io.files import replacing
+from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.scenario.scenario import packaged
 
+BARS_FILE = "bars.yaml"
 JSON_FILE, CSV_FILE = "credibility.json", "credibility.csv"
 PEOPLE = "people"
 DIGITS = 4  # decimals in the table
@@ -138,3 +142,30 @@ def _rows(name: str, responses: Responses) -> Iterator[dict[str, object]]:
             own |= {f"{q}_{unit}": getattr(responses.simulated, q)[n, k] for q, (unit, _) in QUANTITIES.items()}
             figures = {field: round(float(value), DIGITS) if np.isfinite(value) else "" for field, value in own.items()}
             yield {"encounter": encounter.name, **about, "driven_by": name, "driver": k, **figures}
+
+
+class Bars(BaseModel):
+    """Limits on the measures of a policy."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    bars: Annotated[list[Limits], Field(min_length=1)]
+
+
+def bars_path() -> Path:
+    """Returns the packaged file of the bars."""
+    return packaged(f"credibility/{BARS_FILE}", "litsim_eval")
+
+
+@cache
+def bars() -> tuple[Limits, ...]:
+    """Returns the packaged bars."""
+    return tuple(read_yaml(bars_path(), Bars).bars)
+
+
+def judged(figures: Mapping[str, Any]) -> list[CriterionResult]:
+    """Returns the verdict of each bar on the measures of a policy, as in `credibility.json`.
+
+    Bars on drawn drivers are left out where none were drawn.
+    """
+    return [bar.judge(figures.get(bar.field)) for bar in bars() if bar.field in figures]

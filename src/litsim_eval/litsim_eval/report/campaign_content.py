@@ -10,8 +10,7 @@ from typing import Any
 from urllib.parse import quote
 
 from litsim_eval.analysis.measure import Table
-from litsim_eval.analysis.metrics import measures
-from litsim_eval.analysis.metrics_tree import leaves, measures_by_field
+from litsim_eval.analysis.metrics import leaves, measures, measures_by_field
 from litsim_eval.campaign.results import RUNS_FOLDER, Campaign, RunResult, rerun_command
 from litsim_eval.report.packing import Packer
 from litsim_eval.report.thumbnails import UNIT_RAD

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 import shapely
 
 from litsim_data.surrogates.safety import TTC_CRITICAL_S, following, safety_series
+from litsim_eval.analysis.measure import Metrics, Span
 from litsim_eval.analysis.measures.comfort import BOUNDS, motion_values
+from litsim_eval.analysis.metrics import measures
 from litsim_eval.report.forecasts import Forecasts
-from litsim_eval.report.moments import moments
 from litsim_eval.report.packing import Packer
 from litsim_eval.report.plans import NO_PLANS, Plans
 from litsim_eval.report.tracks import Tracks, ghosts_of, tracks_of
@@ -277,3 +279,15 @@ def times_to_leader(run: Run, first: int, frames: int) -> tuple[FloatArray, Floa
 def counts(tracks: Tracks, mode: int) -> FloatArray:
     """Returns the number of agents in a mode of :class:`litsim_sim.core.colours.Mode`."""
     return np.asarray((tracks.mode == mode).sum(axis=0), np.float64)
+
+
+def moments(run: Run, metrics: Metrics) -> dict[str, list[Span]]:
+    """Returns the spans of steps at which the ego does what each field counts against it; fields without are left out.
+
+    Of the smallest time to collision it is the step of the smallest.
+    """
+    spans: dict[str, list[Span]] = {}
+    for measure in measures():
+        with suppress(KeyError, TypeError):  # no signals, or measures by an earlier version
+            spans[measure.name] = list(measure.moments(run, metrics)) if measure.moments else []
+    return {field: missed for field, missed in spans.items() if missed}

@@ -11,13 +11,12 @@ from typing import Any
 from tqdm import tqdm
 
 from litsim_eval.analysis.measure import Table
-from litsim_eval.analysis.metrics_tree import leaves
+from litsim_eval.analysis.metrics import leaves
 from litsim_eval.analysis.summary import mark_of, reached, rows_of
 from litsim_eval.campaign.background import background_sentences
 from litsim_eval.campaign.criteria import Verdict
-from litsim_eval.campaign.drawn import DrawnCase, drawn_cases
 from litsim_eval.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
-from litsim_eval.campaign.variant_summary import variant_summary
+from litsim_eval.campaign.variant_summary import DrawnCase, drawn_cases, variant_summary
 from litsim_eval.report.campaign_content import criteria_of, pack_campaign
 from litsim_eval.report.pages import render_page
 from litsim_eval.report.thumbnails import read_thumbnail, write_thumbnail

@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from litsim_eval.analysis.measure import Measure, Metrics
-from litsim_eval.analysis.metrics import measures
-from litsim_eval.analysis.metrics_tree import leaves
+from litsim_eval.analysis.metrics import leaves, measures
 
 NOTHING = "–"
 

@@ -14,12 +14,11 @@ from tqdm import tqdm
 
 from litsim_eval.campaign.case import GRAPH, Case, cases_of, code_versions
 from litsim_eval.campaign.criteria import Criteria, Verdict
-from litsim_eval.campaign.drawn import drawn_cases
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.junit import JUNIT_FILE, write_junit
 from litsim_eval.campaign.results import Campaign, RunResult, read_campaign
 from litsim_eval.campaign.suite import Suite
-from litsim_eval.campaign.variant_summary import variant_summary
+from litsim_eval.campaign.variant_summary import drawn_cases, variant_summary
 from litsim_eval.report.experiment import write_experiment_report
 from litsim_eval.report.verdict import show_verdicts
 from litsim_eval.runs.batched import batches

@@ -13,7 +13,7 @@ import yaml
 from litsim_msgs.msg import StageStatus
 from rclpy.serialization import deserialize_message
 
-from litsim_eval.analysis.metrics_tree import leaves
+from litsim_eval.analysis.metrics import leaves
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, StageState

@@ -13,10 +13,9 @@ from rich.text import Text
 
 from litsim_eval.analysis.measure import Row
 from litsim_eval.analysis.measure import Table as Shown
-from litsim_eval.analysis.metrics_tree import leaves
+from litsim_eval.analysis.metrics import leaves
 from litsim_eval.analysis.summary import MARK, mark_of, reached, rows_of
-from litsim_eval.campaign.drawn import DrawnCase
-from litsim_eval.campaign.variant_summary import Bounds
+from litsim_eval.campaign.variant_summary import Bounds, DrawnCase
 
 Lines = Mapping[str, Mapping[str, str]]
 """Texts by name of the measure and variant."""

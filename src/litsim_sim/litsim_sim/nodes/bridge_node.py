@@ -20,10 +20,10 @@ from litsim_sim.core.topic_names import Interface
 from litsim_sim.ego_port.port import EgoPort, Level, Remark
 from litsim_sim.launch.domain import EMPTY
 from litsim_sim.nodes import diagnostics
-from litsim_sim.nodes.bridge_options import bridge_stage
 from litsim_sim.nodes.broadcast import Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.nodes.ego_publishers import EgoPublisher, EgoPublishers, absence, rivalry
+from litsim_sim.nodes.options import bridge_stage
 from litsim_sim.nodes.publishers import WATCH_S, Visits, check_publishers, owners
 from litsim_sim.nodes.responses import ResponseCollector, RunFailed, StageLiveness
 from litsim_sim.nodes.simulation_services import NAMESPACE, SimulationServices

@@ -22,8 +22,8 @@ from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.stages import RECORDER as STAGE
 from litsim_sim.nodes.foreign_topics import LOOK_S, ForeignTopics
+from litsim_sim.nodes.options import recorder_stage
 from litsim_sim.nodes.publishers import Owners, Visits, owners
-from litsim_sim.nodes.recorder_options import recorder_stage
 from litsim_sim.nodes.responses import RunFailed
 from litsim_sim.record.bag import FORMAT, FORMAT_KEY, BagWriter, qos_yaml
 from litsim_sim.record.step_buffer import BufferedRun, StepBuffer

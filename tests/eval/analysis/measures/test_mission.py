@@ -8,7 +8,7 @@ import pytest
 
 from litsim_eval.analysis.measures.mission import mission
 from litsim_eval.campaign.criteria import Criteria
-from litsim_eval.campaign.reasons import what_happened
+from litsim_eval.campaign.results import what_happened
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.record.run import Run

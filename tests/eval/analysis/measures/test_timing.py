@@ -6,7 +6,7 @@ import pytest
 
 from litsim_eval.analysis.measures.timing import pace_text, step_path, timing
 from litsim_eval.campaign.criteria import Criterion
-from litsim_eval.campaign.reasons import what_happened
+from litsim_eval.campaign.results import what_happened
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.record.run import Run
 

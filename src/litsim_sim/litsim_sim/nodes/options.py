@@ -1,4 +1,4 @@
-"""The parameters of the bridge: the run, and how to run it."""
+"""The parameters of bridge and recorder: the run, how to run it, and where it is recorded."""
 
 from __future__ import annotations
 
@@ -147,3 +147,23 @@ def _by_stage(text: str) -> Parameters:
 def bridge_stage(read: ParameterOverrides) -> BridgeOptions:
     """Read the parameters of the bridge."""
     return read(BridgeOptions())
+
+
+@configuration
+class RecorderOptions:
+    """Where and what of a run is recorded.
+
+    Attributes:
+        output: folder of the recording.
+        overwrite: whether an existing recording is replaced.
+        topics: names of topics of the ego's stack to be recorded as well, separated by spaces.
+    """
+
+    output: str = "bags/run"
+    overwrite: Flag = False
+    topics: str = ""
+
+
+def recorder_stage(read: ParameterOverrides) -> RecorderOptions:
+    """Read the parameters of the recorder."""
+    return read(RecorderOptions())

@@ -7,7 +7,7 @@ import pytest
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
-from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
+from litsim_sim.nodes.options import BridgeOptions, bridge_stage
 from litsim_sim.scenario.scenario import Scenario
 
 
