@@ -10,10 +10,10 @@ from functools import partial
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 from tqdm import tqdm
 
 from litsim_eval.benchmark.steps import measure, table_rows, time_highway_env
+from litsim_eval.report.terminal import figures_table
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
 from litsim_sim.io.files import write_text
@@ -66,12 +66,7 @@ def main() -> None:
 def show(title: str, rows: list[list[str]], markdown: Path | None) -> None:
     """Prints a table, whose head is the first of its rows, and writes it to the file `markdown` unless that is None."""
     head, *body = rows
-    table = Table(title=title, title_justify="left")
-    for k, name in enumerate(head):
-        table.add_column(name, justify="right" if k else "left", no_wrap=True)
-    for row in body:
-        table.add_row(*row)
-    Console(width=160).print(table)
+    Console(width=160).print(figures_table(head, body, title=title, title_justify="left"))
     if markdown is not None:
         rule = ["---", *["---:"] * (len(head) - 1)]
         lines = [title + ".", "", *(f"| {' | '.join(row)} |" for row in (head, rule, *body))]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from litsim_eval.campaign.comparison import compare_campaigns
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.results import is_campaign, read_campaign
 from litsim_eval.report.campaign_comparison import print_campaigns
+from litsim_eval.report.terminal import console_of, figures_table
 from litsim_eval.search.margins import Margins, compare_margins, is_search
 from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
@@ -24,7 +24,6 @@ from litsim_sim.core.errors import EXIT_FAILED, InputError
 
 NOTHING = "-"
 DIGITS = 5
-WIDTH = 140  # of what is not printed to a terminal
 TEXT_MAX = 17  # enough to tell digests apart; --json has everything
 
 
@@ -53,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
 
 def print_comparison(comparison: Comparison, only_differences: bool = False, console: Console | None = None) -> None:
     """Prints a table; wall times are never marked."""
-    console = console or Console(width=None if sys.stdout.isatty() else WIDTH)
+    console = console or console_of()
     two = len(comparison.names) == 2
     table = Table(box=None, pad_edge=False)
     table.add_column("", no_wrap=True)
@@ -146,13 +145,9 @@ def _searches(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(asdict(change) | {"mean": change.mean, "worse": change.worse}, indent=2))
     else:
-        table = Table(box=None, pad_edge=False)
-        table.add_column("margin", overflow="fold", min_width=30)
-        for name in ("before", "after", "change"):
-            table.add_column(name, justify="right", no_wrap=True)
-        for name, before, after in zip(change.names, change.before, change.after, strict=True):
-            table.add_row(name, f"{before:.2f}", f"{after:.2f}", f"{after - before:+.2f}")
-        Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
+        margins = zip(change.names, change.before, change.after, strict=True)
+        rows = ((name, f"{before:.2f}", f"{after:.2f}", f"{after - before:+.2f}") for name, before, after in margins)
+        console_of().print(figures_table(("margin", "before", "after", "change"), rows))
         bounds = "" if change.interval is None else ", 95 % interval {:+.2f} to {:+.2f}".format(*change.interval)
         print(
             f"mean change {change.mean:+.2f}{bounds}; margins are upper bounds, and at most what the search looked at"

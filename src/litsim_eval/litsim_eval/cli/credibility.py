@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
-from rich.console import Console
 from tqdm import tqdm
 
 from litsim_eval.campaign.case import file_digest, variants
@@ -21,6 +20,7 @@ from litsim_eval.credibility.reading import Selection, encounters_in, packaged_e
 from litsim_eval.credibility.results import CSV_FILE, JSON_FILE, Results, write_csv
 from litsim_eval.credibility.running import EGO, Outcome, Run, Setup, Task, run_task
 from litsim_eval.credibility.table import LEGEND, table_of
+from litsim_eval.report.terminal import console_of
 from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, print_error
@@ -46,7 +46,6 @@ EXAMPLES = """examples:
 """
 POLICIES = ["litsim", "yield", "idm"]
 REASONS_MAX = 5  # most runs without a result that are printed with their reasons
-WIDTH = 150  # characters per line of what is not printed to a terminal
 
 
 def parser() -> argparse.ArgumentParser:
@@ -172,7 +171,7 @@ def _check(folder: Path) -> int:
 
 def _print(results: Results) -> None:
     """Prints the table, and runs without a result with their reasons."""
-    console = Console(width=None if sys.stdout.isatty() else WIDTH)
+    console = console_of(150)
     console.print(table_of(results))
     console.print(LEGEND, soft_wrap=False, highlight=False)
     for failure in results.failures[:REASONS_MAX]:

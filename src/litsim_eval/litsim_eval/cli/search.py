@@ -9,7 +9,6 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
@@ -17,6 +16,7 @@ from litsim_eval.campaign.case import code_versions
 from litsim_eval.campaign.criteria import SAFETY, Criteria
 from litsim_eval.cli.evaluate import ExamplesFormatter
 from litsim_eval.cli.suite_arguments import add_suite_arguments, cases_to_run, refuse_unusable, suite_of
+from litsim_eval.report.terminal import console_of, figures_table
 from litsim_eval.runs.case_run import TIME_LIMIT_S
 from litsim_eval.runs.warm_runs import WarmRuns
 from litsim_eval.search.explore import SAMPLERS
@@ -43,7 +43,6 @@ EXAMPLES = """examples:
 
 """
 DEFAULT_OUT = "bags/search"
-WIDTH = 120  # characters per line of what is not printed to a terminal
 
 
 def parser() -> argparse.ArgumentParser:
@@ -140,24 +139,15 @@ def _searched(arguments: argparse.Namespace, making: Search) -> int:
 
 def _print(margins: Margins, out: Path) -> None:
     """Prints the margins, and the nearest failure of each scenario."""
-    table = Table(box=None, pad_edge=False)
-    table.add_column("scenario", overflow="fold", min_width=30)
-    for name in ("margin", "runs", "failed", "forced", "errors", "drawn: rate, 95 %"):
-        table.add_column(name, justify="right", no_wrap=True)
+    head = ("scenario", "margin", "runs", "failed", "forced", "errors", "drawn: rate, 95 %")
+    rows = []
     for scenario in margins.scenarios:
         margin = "-" if scenario.margin is None else f"{scenario.margin:.2f}"
+        counts = map(str, (scenario.runs, scenario.failed, scenario.forced, scenario.errors))
         rate = "-" if scenario.rate is None else f"{100.0 * scenario.rate[0]:.1f} to {100.0 * scenario.rate[1]:.1f} %"
-        table.add_row(
-            scenario.name,
-            margin,
-            str(scenario.runs),
-            str(scenario.failed),
-            str(scenario.forced),
-            str(scenario.errors),
-            rate,
-        )
-    console = Console(width=None if sys.stdout.isatty() else WIDTH)
-    console.print(table)
+        rows.append((scenario.name, margin, *counts, rate))
+    console = console_of()
+    console.print(figures_table(head, rows))
     for scenario in margins.scenarios:
         for line in told(scenario.failures[0]) if scenario.failures else scenario.none_up_to(margins.bound):
             console.print(line, markup=False, highlight=False, soft_wrap=True)
@@ -178,7 +168,7 @@ def _print_parameters(people: People) -> None:
         table.add_row(
             parameter.name, parameter.unit, f"{parameter.low:g} to {parameter.high:g}", *at, moments, parameter.about
         )
-    Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
+    console_of().print(table)
     rare = ", ".join(f"{act} {rate.distance(LOOK_S):.2f}" for act, rate in people.rates.items())
     print(f"distance of that an agent does it at all within {LOOK_S:g} s: {rare}")
 

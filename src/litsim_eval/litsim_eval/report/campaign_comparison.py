@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from itertools import chain
 
@@ -12,8 +11,8 @@ from rich.table import Table
 from litsim_eval.campaign.bootstrap import LEVEL, RESAMPLES
 from litsim_eval.campaign.comparison import NOT_RUN, PASSED, CampaignComparison, Change, Pair, report_of
 from litsim_eval.campaign.results import Campaign
+from litsim_eval.report.terminal import console_of
 
-WIDTH = 100  # characters per line if the output is not a terminal
 CASES_MAX = 20  # most cases of a list, unless everything is requested
 DIGITS = 3
 SMALL = 1e-3  # numbers below have two digits, to limit the width of the table
@@ -29,7 +28,7 @@ def print_campaigns(
     Of measures and cases these are, unless `everything` is asked for, those that have clearly changed and those of
     criteria, and the first CASES_MAX.
     """
-    console = console or Console(width=None if sys.stdout.isatty() else WIDTH)
+    console = console or console_of(100)
     limit = None if everything else CASES_MAX
     _print(console, f"{comparison.before.folder} -> {comparison.after.folder}")
     for name, (before, after) in comparison.other_versions.items():

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -15,6 +16,23 @@ from litsim_eval.report.events import EventTable, contact_table, takeover_table
 from litsim_eval.report.wording import NOTHING, lockstep_text, measured
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.stages import RunEnd
+
+WIDTH = 140  # characters per line of what is not printed to a terminal
+
+
+def console_of(width: int = WIDTH) -> Console:
+    """Returns the console of standard output, of `width` characters per line if that is no terminal."""
+    return Console(width=None if sys.stdout.isatty() else width)
+
+
+def figures_table(head: Sequence[str], rows: Iterable[Sequence[str]], **options: Any) -> Table:
+    """Returns a table with names in the first column, where long ones are folded, and figures in the others."""
+    table = Table(box=None, pad_edge=False, **options)
+    for number, name in enumerate(head):
+        table.add_column(name, justify="right" if number else "left", no_wrap=number > 0, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def print_metrics(metrics: dict[str, Any], console: Console | None = None) -> None:
