@@ -39,6 +39,7 @@ setup(
             "gail = litsim_research.baselines.imitation_policy:Gail",
             "idm = litsim_research.baselines.idm_policy:IdmPolicy",
             "rail = litsim_research.baselines.imitation_policy:Rail",
+            "rollout = litsim_research.baselines.rollout:Rollout",
             "simnet = litsim_research.baselines.simnet.plugin:Simnet",
         ],
         "litsim.networks": ["torch = litsim_research.predictors.eager:load"],

@@ -73,6 +73,7 @@ def assert_same(together: Run, alone: Run) -> None:
         ("litsim", {}),
         ("idm", {"policy": {"baseline.drivers": "drawn"}}),
         ("simnet", {}),
+        ("rollout", {}),
         ("rail", {"policy": {"imitation.actions": "drawn"}}),
     ],
 )
