@@ -128,6 +128,10 @@ CASES: dict[str, tuple[Sequence[Motion], tuple[Cause, Side, bool]]] = {
         [sideways(along(150, 8, braking=2.0, since=30), RIGHT, 5, 15), along(70, 14, RIGHT)],
         (Cause.FOLLOWED, Side.OTHER, False),
     ),
+    "another merges into the corner of an ego that stands in its lane, and could have stood farther back": (
+        [along(100, 4, braking=4.0, since=0), sideways(along(78, 4.5, RIGHT), LEFT - 1.4, 0, 50)],
+        (Cause.STANDING, Side.OTHER, False),
+    ),
     "a car stands right ahead when the ego begins to drive": (
         [along(100, 15), along(115, 0)],
         (Cause.START, Side.NEITHER, False),
@@ -171,6 +175,7 @@ def through(street: LaneMap, lane: str, speed: float, steps: int) -> Motion:
     return state
 
 
+HIDDEN_STEPS = {6.0: 40, 1.5: 68}  # until the other is in the middle of the junction, by the speed of the ego
 TURNS, COMES = ":A_6_0", ":A_11_0"  # to the left across the other, and straight on with right of way
 
 
@@ -181,13 +186,59 @@ def test_right_of_way(table: Make, make_run: Make, street: LaneMap) -> None:
     assert (cause, by) == (Cause.RIGHT_OF_WAY, Side.OTHER)
 
 
+def show(monkeypatch: pytest.MonkeyPatch, states: dict[int, SignalState]) -> None:
+    """Has agents pass stop lines at step 25, at which lights show them `states`."""
+    passed = [Passage(agent, 25, "a", "a", state, Controller.LOG) for agent, state in states.items()]
+    monkeypatch.setattr(blame, "run_passages", lambda _: passed)
+
+
+PERMISSIVE, GREEN, DARK = SignalState.GREEN_PERMISSIVE, SignalState.GREEN, SignalState.DARK
+
+
+@pytest.mark.parametrize(
+    ("states", "expected"),
+    [
+        ({EGO: PERMISSIVE, OTHER: GREEN}, (Cause.RIGHT_OF_WAY, Side.EGO)),
+        ({EGO: SignalState.AMBER_PERMISSIVE, OTHER: GREEN}, (Cause.RIGHT_OF_WAY, Side.EGO)),
+        ({EGO: GREEN, OTHER: GREEN}, (Cause.CROSSING, Side.NEITHER)),  # an arrow, whatever the signs say
+        ({OTHER: GREEN}, (Cause.RIGHT_OF_WAY, Side.EGO)),  # the ego's way has no light
+        ({EGO: DARK, OTHER: DARK}, (Cause.RIGHT_OF_WAY, Side.EGO)),
+        ({EGO: GREEN, OTHER: PERMISSIVE}, (Cause.RIGHT_OF_WAY, Side.OTHER)),
+    ],
+)
+def test_lights_and_signs(table: Make, make_run: Make, street: LaneMap, monkeypatch, states, expected) -> None:
+    """Each has right of way by its own light, where it has one that works, else by the signs of the net."""
+    show(monkeypatch, states)
+    turn, straight = through(street, TURNS, 6.0, 18), through(street, COMES, 9.0, 40)
+    assert answer(scene(table, make_run, turn, straight, net="urban_like"))[:2] == expected
+
+
+def test_red_is_no_cause_among_those_of_one_lane(table: Make, make_run: Make, monkeypatch) -> None:
+    """An ego that has stopped beyond the line at red is hit by the one behind: nobody crosses."""
+    show(monkeypatch, {EGO: SignalState.RED})
+    run = scene(table, make_run, along(100, 8, braking=4.0, since=10), along(60, 9))
+    assert answer(run) == (Cause.STANDING, Side.OTHER, False)
+
+
+@pytest.mark.parametrize(
+    ("speed", "steps", "expected"),
+    [(6.0, 18, (Cause.RIGHT_OF_WAY, Side.EGO, True)), (1.5, 0, (Cause.REVEALED, Side.NEITHER, False))],
+)
+def test_who_turns_past_vehicles_that_hide_others(
+    table: Make, make_run: Make, street: LaneMap, speed: float, steps: int, expected: tuple[Cause, Side, bool]
+) -> None:
+    """Who has to give way, and cannot see, is excused only if it feels its way."""
+    queue = [lambda _, x=x: (x, -5.0, 0.0, 0.0) for x in np.arange(-104.5, -140.0, -5.0)]
+    turn, straight = through(street, TURNS, speed, steps), through(street, COMES, 12.0, HIDDEN_STEPS[speed])
+    assert answer(scene(table, make_run, turn, straight, *queue, net="urban_like")) == expected
+
+
 @pytest.mark.parametrize("runs_red", [EGO, OTHER])
 def test_red_light(table: Make, make_run: Make, street: LaneMap, monkeypatch, runs_red: int) -> None:
     """Two cross, one of which had red, too late for a careful driver to do anything; neither saw the other before."""
     motions = through(street, ":A_11_0", 10.0, 40), through(street, ":A_1_0", 14.0, 32)
     states = {agent: SignalState.RED if agent == runs_red else SignalState.GREEN for agent in (EGO, OTHER)}
-    passed = [Passage(agent, 25, "a", "a", state, Controller.LOG) for agent, state in states.items()]
-    monkeypatch.setattr(blame, "run_passages", lambda _: passed)
+    show(monkeypatch, states)
     monkeypatch.setattr(blame, "hidden", lambda _, ego, __: np.ones(len(ego), np.bool_))
     cause, by, of_ego = answer(scene(table, make_run, *motions, net="urban_like"))
     assert (cause, by) == (Cause.RED_LIGHT, Side.EGO if runs_red == EGO else Side.OTHER)

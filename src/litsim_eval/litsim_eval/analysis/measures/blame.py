@@ -7,6 +7,7 @@ across or enters gives way; who follows keeps a distance) and, for what the driv
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -28,7 +29,11 @@ ENTERING_S = 3.0  # [s] that entering takes at most; before the contact in which
 ENTERED_M = 0.3  # [m] to the side from which on a vehicle has entered the other's way
 CROSSING_RAD = np.deg2rad(45.0)  # between headings from which on ways cross
 NEAR_WAY_M = 15.0  # [m] from the other's way within which headings count
-RED_S = 10.0  # [s] before the contact in which a red light counts
+LIGHT_S = 10.0  # [s] before the contact in which a light counts
+WALKING_MPS = 2.0  # [m/s] of who feels its way into a junction that it cannot overlook
+GIVE_WAY_STATES = (SignalState.GREEN_PERMISSIVE, SignalState.AMBER_PERMISSIVE, SignalState.FLASHING_RED)
+SIGN_STATES = (None, SignalState.UNAVAILABLE, SignalState.DARK, SignalState.FLASHING_AMBER)
+"""What lights show where signs decide; None for who has passed none."""
 FAR_M = 100.0  # [m] by which a way is prolonged, straight
 
 
@@ -36,7 +41,7 @@ class Cause(StrEnum):
     """What led to a contact, in the order in which it is tested; the last two excuse an ego that created it."""
 
     WALKER = "walker"  # a pedestrian or cyclist
-    RED_LIGHT = "red_light"  # one passed a stop line at red
+    RED_LIGHT = "red_light"  # ways cross, and one passed a stop line at red
     STANDING = "standing"  # one ran into another that had stood for TTC_S
     WRONG_WAY = "wrong_way"  # ways cross, and one was on a lane that leads the other way
     RIGHT_OF_WAY = "right_of_way"  # one had to give way in a junction
@@ -75,8 +80,11 @@ def blame(run: Run, contact: EgoContact, own: CarefulDriver, other: CarefulDrive
 
     If the ego created the situation, it answers, unless it came into the way of a vehicle that then ran into it, from
     behind or where it stood, and could have avoided that. Otherwise it answers if the careful driver in its place
-    avoids the contact. Of vehicles that enter the ego's way this is asked only if all of them is ahead of the ego when
-    that driver perceives them, as in the regulation.
+    avoids the contact, by braking: this is asked only of an ego that moves, and where ways do not cross only if all of
+    the other is ahead of it when that driver perceives the risk, as in the regulation.
+
+    That a third vehicle hid the other excuses nobody at red, and of those who have to give way only who feels its way,
+    at walking speed: they must be able to stop for who may come (Vienna Convention on Road Traffic, article 18.1).
 
     Args:
         run: with the contact.
@@ -86,14 +94,15 @@ def blame(run: Run, contact: EgoContact, own: CarefulDriver, other: CarefulDrive
     pair = _Encounter.of(run, contact)
     cause, by = (Cause.WALKER, Side.NEITHER) if other is None else pair.created_by(run)
     if by == Side.EGO and cause != Cause.ENTERED:
-        if cause != Cause.RED_LIGHT and pair.revealed(own.perceived_step):
+        if pair.revealed(own.perceived_step) and pair.may_not_have_seen(cause, own.perceived_step):
             cause, by = Cause.REVEALED, Side.NEITHER
         elif pair.at_once(own.perceived_step):
             cause, by = Cause.START, Side.NEITHER
     if by == Side.EGO:
         late = cause in (Cause.ENTERED, Cause.RIGHT_OF_WAY) and contact.verdict in (Verdict.REAR, Verdict.STOPPED_EGO)
         return Blame(cause, by, of_ego=not (late and other is not None and other.avoided))
-    of_ego = own.avoided and not (cause == Cause.ENTERED and not pair.ahead_at(own.perceived_step))
+    beside = cause in (Cause.ENTERED, Cause.FOLLOWED) and not pair.ahead_at(own.perceived_step)
+    of_ego = own.avoided and not beside and cause != Cause.STANDING
     if cause == Cause.WALKER:
         of_ego = contact.ego_at_fault and (own.avoided or pair.in_way_s >= TTC_S)
     elif cause == Cause.CROSSING:
@@ -135,16 +144,17 @@ class _Encounter:
 
     def created_by(self, run: Run) -> tuple[Cause, Side]:
         """Returns what led to the contact of two vehicles, and who created the situation."""
-        if by := self._alone([state in STOP_STATES for state in self._shown(run)]):
+        crosses, shown = self._crosses, self._shown(run)
+        if crosses and (by := self._alone([state in STOP_STATES for state in shown])):
             return Cause.RED_LIGHT, by
         recent = slice(-round(TTC_S / self.dt) - 1, None)
         moved = [bool((agent.speed[recent] > STANDS_MPS).any()) for agent in (self.ego, self.other)]
         if by := self._alone(moved):
             return Cause.STANDING, by
-        if self._crosses:
+        if crosses:
             if by := self._alone(self._on_wrong_side()):
                 return Cause.WRONG_WAY, by
-            if by := self._alone(self._give_way(run)):
+            if by := self._alone(self._give_way(shown)):
                 return Cause.RIGHT_OF_WAY, by
             return Cause.CROSSING, Side.NEITHER
         entrant = self._entrant()
@@ -158,6 +168,12 @@ class _Encounter:
         """Returns whether the other had been hidden until just before a step."""
         just_before = (self.step < perceived_step) & (self.step >= perceived_step - round(OVER_S / self.dt))
         return bool(self.unseen[just_before].any())
+
+    def may_not_have_seen(self, cause: Cause, step: int) -> bool:
+        """Returns whether it excuses the ego, at a step, that it could not see the other before."""
+        at = min(int(self.step.searchsorted(step)), len(self.step) - 1)
+        feels_its_way = bool(self.ego.speed[at] <= WALKING_MPS)
+        return cause != Cause.RED_LIGHT and (cause != Cause.RIGHT_OF_WAY or feels_its_way)
 
     def at_once(self, perceived_step: int) -> bool:
         """Returns whether a step is the first at which both are there, and the ego drives."""
@@ -182,7 +198,7 @@ class _Encounter:
 
     def _shown(self, run: Run) -> list[SignalState | None]:
         """Returns what the signals showed to the ego, and to the other, when they last passed a stop line."""
-        end, begin = int(self.step[-1]), int(self.step[-1]) - round(RED_S / self.dt)
+        end, begin = int(self.step[-1]), int(self.step[-1]) - round(LIGHT_S / self.dt)
         passed = {
             passage.agent: passage.state for passage in run.once(run_passages) or () if begin <= passage.step <= end
         }
@@ -196,12 +212,15 @@ class _Encounter:
         wrong, _ = on_wrong_side(self.lane_map, x, y, yaw)
         return wrong.tolist()
 
-    def _give_way(self, run: Run) -> list[bool]:
-        """Returns whether the ego, and the other, had to give way: by permissive green, or without signals by signs."""
-        if run.signals is not None or self.lane_map is None:
-            return [state == SignalState.GREEN_PERMISSIVE for state in self._shown(run)]
-        minor = {self.lane_map.row(name) for lane in self.lane_map.lanes for name in lane.gives_way}
-        return [bool(minor & {*lanes.tolist()}) for lanes, _ in map(self._lanes, (self.ego, self.other))]
+    def _give_way(self, shown: Sequence[SignalState | None]) -> list[bool]:
+        """Returns whether the ego, and the other, had to give way: by the light `shown` to it, else by signs."""
+        of_map = self.lane_map
+        minor = set() if of_map is None else {of_map.row(name) for lane in of_map.lanes for name in lane.gives_way}
+        by_sign = [bool(minor & {*self._lanes(of)[0].tolist()}) for of in (self.ego, self.other)]
+        return [
+            sign if state in SIGN_STATES else state in GIVE_WAY_STATES
+            for state, sign in zip(shown, by_sign, strict=True)
+        ]
 
     def _lanes(self, of: AgentRows) -> tuple[IntArray, FloatArray]:
         """Returns the lanes (m,) that an agent is on, and their headings; -1 and its first heading without a net."""
