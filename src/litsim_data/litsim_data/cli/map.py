@@ -1,4 +1,4 @@
-"""`data map`: build a net, from a recording or from a map of another format; or check one."""
+"""`data map`: build a net, from a recording or from a map of another format; put lights on one; or check one."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ import pandas as pd
 from litsim_data.maps.map_format import MapFormat
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets
+from litsim_sim.scenario.signals import SignalsFile
 
 
 def add(subparsers: Any) -> None:
@@ -26,6 +28,9 @@ def add(subparsers: Any) -> None:
             f"--{name}", type=Path, metavar=known.file, dest=_chosen(name), help=f"import {known.content}"
         )
     what.add_argument("--check", type=Path, metavar="NET.net.xml", help="check this net instead of building one")
+    lights_help = "put traffic lights on this net: where --signals says, or as --recording shows who stops and starts"
+    what.add_argument("--lights", type=Path, metavar="NET.net.xml", help=lights_help)
+    command.add_argument("--signals", type=Path, metavar="S.yaml", help="for --lights: a file of signals with groups")
     command.add_argument("--recording", type=Path, metavar="R", help="recording to fit lanes to, or to check against")
     command.add_argument(
         "--origin",
@@ -36,7 +41,7 @@ def add(subparsers: Any) -> None:
     )
     scenario_help = "for --check, without --recording: a scenario, or its file, whose traffic to check against"
     command.add_argument("--scenario", action="append", default=[], metavar="S", help=scenario_help)
-    picture_help = "for --check: draw the net, the tracks and where they lie on no lane"
+    picture_help = "for --check: draw the net, the tracks and where they lie on no lane; for --lights: what is proposed"
     command.add_argument("--picture", type=Path, metavar="P.png", help=picture_help)
     command.add_argument("--out", type=Path, metavar="OUT.net.xml", help="the net to write")
     command.set_defaults(run=run)
@@ -53,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         raise InputError("data map: name the net to write with --out, or one to check with --check")
     print(f"building {arguments.out} ...", file=sys.stderr)
-    for note in _build(arguments):
+    for note in _build(arguments) if arguments.lights is None else _light(arguments):
         print(note, file=sys.stderr)
     return 0
 
@@ -75,6 +80,30 @@ def _build(arguments: argparse.Namespace) -> Sequence[str]:
     if arguments.recording is None:
         raise InputError("data map: name the recording to fit lanes to with --recording")
     return write_graph(fit_carriageway(positions_of(arguments.recording)), out).notes
+
+
+def _light(arguments: argparse.Namespace) -> list[str]:
+    """Puts traffic lights on a net, on the connections that a file names or a recording shows; returns lines on that.
+
+    A proposal is written beside the net as a file of signals, and drawn where asked for.
+
+    Raises:
+        InputError: a file cannot be used, or the recording shows no lights.
+    """
+    from litsim_data.maps.lights import place_lights, propose_for
+
+    net, out = arguments.lights, arguments.out
+    if (arguments.signals is None) == (arguments.recording is None):
+        raise InputError("data map --lights: name either a file of groups with --signals, or a recording to propose by")
+    if arguments.signals is not None:
+        return place_lights(net, read_yaml(arguments.signals, SignalsFile).groups, out, str(arguments.signals))
+    proposal, notes = propose_for(net, arguments.recording, out)
+    if arguments.picture is not None:
+        from litsim_data.pictures.light_picture import draw_lights  # matplotlib takes half a second to load
+
+        draw_lights(arguments.picture, LaneMap.from_net(net), proposal)
+        notes.append(str(arguments.picture))
+    return notes
 
 
 def _formats() -> dict[str, type[MapFormat]]:

@@ -59,8 +59,11 @@ class SignalLink:
     foes: tuple[str, ...] = ()
 
 
-def read_links(path: Path) -> tuple[SignalLink, ...]:
-    """Returns the controlled connections of a net that cars may use, by name; empty where there are no lights."""
+def read_links(path: Path, *, lights: bool = True) -> tuple[SignalLink, ...]:
+    """Returns the connections of a net that cars may use and lights control, by name; empty where there are no lights.
+
+    Without `lights` these are all connections, controlled or not.
+    """
     net, every = read_net(path)
     lanes = {lane.id: lane for lane in every}
     try:
@@ -69,7 +72,9 @@ def read_links(path: Path) -> tuple[SignalLink, ...]:
             for edge in net.getEdges(withInternal=False)
             for lane in edge.getLanes()
             for connection in lane.getOutgoing()
-            if connection.getTLSID() and lane.getID() in lanes and connection.getToLane().getID() in lanes
+            if (connection.getTLSID() or not lights)
+            and lane.getID() in lanes
+            and connection.getToLane().getID() in lanes
         ]
         by_junction: dict[str, list[Any]] = {}
         for connection in controlled:

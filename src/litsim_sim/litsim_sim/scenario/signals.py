@@ -254,7 +254,7 @@ def signals_of(
     Raises an InputError, in which `where` names the scenario, if a connection is not in the net, or is in two
     groups; or a group of a program is unknown.
     """
-    members = _members(file.groups, net_links, f"{where}: signals, field groups")
+    members = members_of(file.groups, net_links, f"{where}: signals, field groups")
     groups = tuple(sorted(set(members.values())))
     links = tuple(link for link in net_links if link.name in members)
     changes = file.changes if file.changes is not None else _cycle(file, start_frame, steps, where)
@@ -263,8 +263,11 @@ def signals_of(
     return Signals(groups, links, link_group, states)
 
 
-def _members(groups: Mapping[str, Sequence[str]], links: Sequence[SignalLink], where: str) -> dict[str, str]:
-    """Returns the group of each controlled connection, by its name."""
+def members_of(groups: Mapping[str, Sequence[str]], links: Sequence[SignalLink], where: str) -> dict[str, str]:
+    """Returns the group of each connection of `links` that `groups` name, by its name.
+
+    Raises an InputError, in which `where` names the groups, if one is not among them, or is in two groups; or none is.
+    """
     by_name: dict[str, list[str]] = {}
     for link in links:
         by_name.setdefault(link.name, []).append(link.name)
