@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, FloatArray, IntArray, Kind, is_obstacle
+from litsim_sim.io.files import write_text
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import Recording
@@ -272,15 +273,10 @@ def write(manifest: Manifest, folder: Path) -> Path:
     Raises:
         InputError: `folder` cannot be written.
     """
-    path = folder / MANIFEST_FILE
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for segment in manifest.segments:
-            (folder / f"{segment.name}.yaml").write_text(scenario_yaml(manifest, segment), encoding="utf-8")
-        path.write_text(manifest.to_yaml(), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from error
-    return path
+    for segment in manifest.segments:
+        write_text(folder / f"{segment.name}.yaml", scenario_yaml(manifest, segment))
+    write_text(folder / MANIFEST_FILE, manifest.to_yaml())
+    return folder / MANIFEST_FILE
 
 
 def describe(manifest: Manifest) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from litsim_data.encounters.packaged import build, made_anew, rows
 from litsim_data.encounters.table import TABLE, EncounterRow, table_text
 from litsim_data.mining.suite_file import write_scenario
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import require_new_folder, write_text
 from litsim_sim.scenario.encounter_note import KINDS, SPLITS
 from litsim_sim.scenario.scenario import DATA_VARIABLE
 
@@ -54,12 +54,11 @@ def run(arguments: argparse.Namespace) -> None:
     left_out = Counter[Lack]()
     if arguments.table is not None:
         table = list(tqdm(made_anew(_data(), left_out), unit=" encounters", leave=False, disable=None))
-        _write_table(table, arguments.table)
+        write_text(arguments.table, table_text(table))
     elif arguments.out is None:
         raise InputError("data encounters: name a RECORDING and the folder OUT to write, or --table FILE")
     else:
-        if arguments.out.exists() and not (arguments.out.is_dir() and not any(arguments.out.iterdir())):
-            raise InputError(f"{arguments.out}: exists already, expected a new folder: nothing is replaced")
+        require_new_folder(arguments.out)
         table = _write_all(arguments, left_out)
     for lack, count in sorted(left_out.items()):
         print(f"{count} left out: {lack}")
@@ -76,7 +75,7 @@ def _write_all(arguments: argparse.Namespace, left_out: Counter[Lack]) -> list[E
             table.append(row)
     finally:
         if table:
-            _write_table(table, arguments.out / TABLE)
+            write_text(arguments.out / TABLE, table_text(table))
     if not table:
         reasons = "; ".join(f"{count} left out: {lack}" for lack, count in sorted(left_out.items()))
         raise InputError(
@@ -100,11 +99,6 @@ def _packaged(arguments: argparse.Namespace) -> Iterator[tuple[EncounterRow, Enc
     by_name = {row.name: row for row in wanted}
     for encounter in tqdm(build(wanted, _data()), total=len(wanted), unit=" encounters", leave=False, disable=None):
         yield by_name[encounter.name], encounter
-
-
-def _write_table(table: Iterable[EncounterRow], path: Path) -> None:
-    with replacing(path) as new:
-        new.write_text(table_text(table), encoding="utf-8")
 
 
 def _data() -> Path:

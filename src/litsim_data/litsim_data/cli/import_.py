@@ -15,9 +15,9 @@ from litsim_data.generic.mapping import Check, Mapping
 from litsim_sim.cli.arguments import number
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.core.installation import command
-from litsim_sim.io.files import refuse_input_as_output, replacing
+from litsim_sim.io.files import refuse_input_as_output, require_new_folder, write_text
 from litsim_sim.io.yaml_input import read_yaml
-from litsim_sim.scenario.scenario import packaged, packaged_nets
+from litsim_sim.scenario.recorded_net import net_named
 
 if TYPE_CHECKING:
     from litsim_data.sources.importing import Imported, Options
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     from litsim_data.sources.importing import Options, files_of, import_alone
 
     crop, net = parse_crop(arguments.crop), arguments.map
-    lanes = packaged(f"nets/{net}.net.xml") if net in packaged_nets() else None if net is None else Path(net)
+    lanes = None if net is None else net_named(net)
     options = Options(lanes, crop, arguments.raw, arguments.accept)
     files = _mapped(arguments) or [known for path in arguments.sources for known in files_of(path)]
     if arguments.out.suffix != ".parquet":
@@ -111,8 +111,7 @@ def _import_all(arguments: argparse.Namespace, files: Sequence[tuple[Path, Sourc
     """Imports all scenes into a folder, and scenarios that are cut from them; see :func:`run`."""
     from litsim_data.sources.importing import HEAD, import_all
 
-    if arguments.out.exists() and not (arguments.out.is_dir() and not any(arguments.out.iterdir())):
-        raise InputError(f"{arguments.out}: exists already, expected a new folder: nothing is replaced")
+    require_new_folder(arguments.out)
     most = None if arguments.scenes is None else int(arguments.scenes)
     imported: list[Imported] = []
     failed: list[str] = []
@@ -168,8 +167,7 @@ def _draft(arguments: argparse.Namespace) -> None:
     if out.exists():
         raise InputError(f"{out}: exists already; --draft does not overwrite")
     text = draft(arguments.sources)
-    with replacing(out) as new:
-        new.write_text(text, encoding="utf-8")
+    write_text(out, text)
     print(text, end="")
     files = " ".join(map(str, arguments.sources))
     print(f"look it over, above all what is marked: data import --mapping {out} {files} OUT.parquet")

@@ -14,7 +14,7 @@ from litsim_data.cli.import_ import parse_crop
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.load import load_recording
-from litsim_sim.scenario.recorded_net import net_of
+from litsim_sim.scenario.recorded_net import net_named, net_of
 from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.scenario import DATA_VARIABLE, Sources, packaged, packaged_nets
 from litsim_sim.scenario.scenario_file import usable_name
@@ -140,7 +140,7 @@ def _net(net: Path, out: Path) -> str:
 
 def _usability(manifest: segments.Manifest, out: Path, recordings: list[Recording]) -> list[Usability]:
     """Returns which of the scenarios that lie in `out` can be loaded; `recordings` are those of the manifest."""
-    nets = [packaged(f"nets/{s.net}.net.xml") if s.net in packaged_nets() else out / s.net for s in manifest.recordings]
+    nets = [net_named(source.net, out) for source in manifest.recordings]
     lane_maps = {net: LaneMap.from_net(net) for net in nets}
     sources = [Sources(recording, lane_maps[net]) for recording, net in zip(recordings, nets, strict=True)]
     paths = [out / f"{segment.name}.yaml" for segment in manifest.segments]

@@ -12,8 +12,8 @@ from litsim_data.exports.table import trajectories
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.run import NET_FILE, Run, read_run
 from litsim_sim.scenario.load import load_recording
-from litsim_sim.scenario.recorded_net import net_of
-from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets, packaged_scenarios
+from litsim_sim.scenario.recorded_net import net_named, net_of
+from litsim_sim.scenario.scenario import Scenario, packaged_nets, packaged_scenarios
 
 NET_ENDINGS = (".net.xml", ".net.xml.gz")
 
@@ -41,7 +41,7 @@ def opened(source: Path, net: str | None = None) -> Iterator[Content]:
     elif of_scenario:
         yield _of_scenario(Scenario.load(name, coverage_min=0.0), source)
     elif of_net:
-        known = packaged(f"nets/{name}.net.xml") if name in packaged_nets() and not source.is_file() else source
+        known = source if source.is_file() else net_named(name)
         yield Content(known.name.split(".")[0], known, net=known)
     else:
         yield _of_recording(source, net)

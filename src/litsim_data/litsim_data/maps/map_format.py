@@ -10,7 +10,7 @@ from typing import ClassVar
 import yaml
 
 from litsim_data.maps.lane_graph import LaneGraph
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 
 SIGNALS_HEAD = """# Connections by the traffic lights of the map, under their ids there (Lanelet2: of the relations).
 # In place of `states`, a file with columns group, begin and state, may be `program`, a timing plan: docs/signals.md
@@ -53,8 +53,7 @@ def _write_groups(groups: Mapping[str, Sequence[str]], net: Path) -> list[str]:
     if path.exists():
         return [f"signals: {path} exists already and is kept"]
     content = yaml.safe_dump({"groups": {name: [*groups[name]] for name in groups}}, sort_keys=False)
-    with replacing(path) as new:
-        new.write_text(f"{SIGNALS_HEAD}{content}states: {{file: states.csv}}\n", encoding="utf-8")
+    write_text(path, f"{SIGNALS_HEAD}{content}states: {{file: states.csv}}\n")
     return [f"signals: {len(groups)} traffic lights of the map -> {path}; name there what they show"]
 
 

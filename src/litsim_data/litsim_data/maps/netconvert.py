@@ -20,7 +20,7 @@ from xml.etree import ElementTree as ET
 from litsim_data.maps.direct_junctions import with_connecting_roads
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import replacing, write_text
 from litsim_sim.io.input_files import read_head, read_plain_xml
 
 DECIMALS = 3  # of written coordinates: millimetres
@@ -223,7 +223,6 @@ def _convert(
     net = re.sub(r'(<header [^>]*?) date="[^"]*"', r"\1", net, count=1)
     for junction, outline in outlines.items():
         net = re.sub(rf'(<junction id="{re.escape(junction)}"[^>]*? shape=")[^"]*', rf"\g<1>{outline}", net, count=1)
-    with replacing(path) as new:
-        new.write_text(net, encoding="UTF-8")
+    write_text(path, net)
     told = (done.stdout + done.stderr).splitlines()
     return [line.removeprefix("Warning: ").strip() for line in told if line.startswith("Warning")]

@@ -13,7 +13,7 @@ import yaml
 from litsim_data.mining.selection import Chosen
 from litsim_data.segments import MANIFEST_FILE, Manifest
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import replacing, write_text
 from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets, packaged_scenarios
 
 
@@ -56,8 +56,7 @@ def write_suite(path: Path, chosen: Sequence[Chosen], name: str, egos: Sequence[
         for case in chosen
     ]
     suite = {"name": name, "egos": list(egos), "cases": cases}
-    with replacing(path) as new:
-        new.write_text(yaml.safe_dump(suite, sort_keys=False, default_flow_style=None, width=10**6), encoding="utf-8")
+    write_text(path, yaml.safe_dump(suite, sort_keys=False, default_flow_style=None, width=10**6))
 
 
 def pack(chosen: Sequence[Chosen], folder: Path) -> list[Chosen]:
@@ -95,8 +94,7 @@ def write_scenario(scenario: Scenario, path: Path) -> None:
             shutil.copyfile(net, new)
     values = scenario.file.model_dump(mode="json", exclude_defaults=True, exclude={"crop"})
     values |= {"recording": recording.name, "net": net_name}
-    with replacing(path) as new:
-        new.write_text(yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=120), encoding="utf-8")
+    write_text(path, yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=120))
 
 
 def _seen_from(scenario: str, folder: Path) -> str:

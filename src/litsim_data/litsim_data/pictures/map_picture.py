@@ -21,6 +21,7 @@ from litsim_data.maps.placement import Miss
 from litsim_sim.core.colours import INK
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.io.files import replacing
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
 
@@ -70,10 +71,8 @@ def draw(path: Path, lane_map: LaneMap, parts: Mapping[str, pd.DataFrame], check
         detail.plot(miss.x, miss.y, "o", ms=14, mfc="none", mec=MISS, mew=1.5, zorder=6)
     figure.legend(handles=_legend(check), loc="outside lower center", ncols=5, frameon=False, fontsize=9)
     FigureCanvasAgg(figure)
-    try:
-        figure.savefig(path, format="png", dpi=DPI)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with replacing(path) as new:
+        figure.savefig(new, format="png", dpi=DPI)
 
 
 def _panels(ratio: float, details: int) -> tuple[Figure, Axes, list[Axes]]:

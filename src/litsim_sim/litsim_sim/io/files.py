@@ -64,6 +64,12 @@ def make_folder(path: Path) -> None:
         raise _unwritable(path, error) from error
 
 
+def require_new_folder(out: Path) -> None:
+    """Raise InputError if something is at `out` that is no empty folder."""
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise InputError(f"{out}: exists already, expected a new folder: nothing is replaced")
+
+
 def refuse_input_as_output(out: Path, *inputs: Path) -> None:
     """Raise InputError if writing `out` replaces one of the `inputs` that it is made from."""
     for source in inputs:

@@ -9,6 +9,11 @@ from litsim_sim.scenario.recording import RecordingHeader
 from litsim_sim.scenario.scenario import packaged, packaged_nets
 
 
+def net_named(name: str, folder: Path | str = ".") -> Path:
+    """Returns the packaged net of a name, else the file that the name is of, seen from `folder`."""
+    return packaged(f"nets/{name}.net.xml") if name in packaged_nets() else Path(folder) / name
+
+
 def net_of(header: RecordingHeader, recording: Path, named: str | None = None) -> Path:
     """Returns the net of a recording: the one that is `named`, packaged or a file, or that of its header.
 
