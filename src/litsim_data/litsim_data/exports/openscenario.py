@@ -13,12 +13,13 @@ from litsim_data.exports.export import Content, Export, add, beside, write_xml
 from litsim_data.exports.opendrive import OpenDrive
 from litsim_sim.core.scene import STEP_S, Kind
 from litsim_sim.core.signals import SignalState
+from litsim_sim.core.vehicle import HEIGHTS
 from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.signals import Signals
 
 CATEGORIES = {Kind.TRUCK: "truck", Kind.MOTORCYCLE: "motorbike", Kind.BICYCLE: "bicycle"}
 """Vehicle category of kinds that are neither cars nor pedestrians."""
-HEIGHT, MASS = 1.6, 75.0  # [m] of bounding boxes, [kg] of pedestrians: neither is recorded
+MASS = 75.0  # [kg] of pedestrians, which is not recorded
 WHEELBASE = 0.6  # of the length; the reference point of a vehicle is the middle of its rear axle
 LAMPS = {
     SignalState.FLASHING_RED: "flashing;off;off",
@@ -149,8 +150,8 @@ def _entity(entities: ET.Element, name: str, row: pd.Series) -> float:
         entity = add(scenario_object, "Vehicle", name=name, vehicleCategory=CATEGORIES.get(kind, "car"))
     shift = 0.0 if walks else round(0.5 * WHEELBASE * row["length"], 6)
     box = add(entity, "BoundingBox")
-    add(box, "Center", x=shift, y=0, z=0.5 * HEIGHT)
-    add(box, "Dimensions", width=row["width"], length=row["length"], height=HEIGHT)
+    add(box, "Center", x=shift, y=0, z=0.5 * HEIGHTS[kind])
+    add(box, "Dimensions", width=row["width"], length=row["length"], height=HEIGHTS[kind])
     if not walks:
         add(entity, "Performance", **PERFORMANCE)
         wheels = {"maxSteering": 0.6, "wheelDiameter": 0.6, "trackWidth": 0.9 * row["width"], "positionZ": 0.3}

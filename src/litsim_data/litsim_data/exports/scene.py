@@ -26,6 +26,7 @@ from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.lane_map.signal_links import stop_line_parts
 from litsim_sim.record.bag import BagReader, qos_yaml
+from litsim_sim.record.clouds import fields_of, object_points
 from litsim_sim.record.run import SCENARIO_FILE
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -38,7 +39,6 @@ TYPES = {
 }
 """The topics of the scene, as the live graph and `live` have them."""
 LINE_STRIP, CUBE, DELETE_ALL = 4, 1, 3  # of visualization_msgs/Marker
-FLOATS, FLOAT32, UINT32, UINT8 = ("x", "y", "z", "yaw", "speed", "length", "width"), 7, 6, 2  # sensor_msgs/PointField
 GREY = "#808080"
 
 
@@ -171,17 +171,14 @@ def _box(step: int, number: int, agent: Any) -> Any:
 
 
 def _cloud(step: int, agents: list[Any]) -> bytes:
-    """Returns the agents as points with the first fields of the live graph's /litsim/objects."""
-    layout = np.dtype([*((name, "<f4") for name in FLOATS), ("id", "<u4"), ("kind", "u1")])
-    points = np.zeros(len(agents), layout)
-    for name in ("x", "y", "yaw", "speed", "length", "width", "kind"):
-        points[name] = [getattr(agent, name) for agent in agents]
-    points["id"] = [agent.vehicle_id & 0xFFFFFFFF for agent in agents]
-    kinds = {"<f4": FLOAT32, "<u4": UINT32, "|u1": UINT8}
-    fields = [
-        _make("sensor_msgs/msg/PointField", name, offset, kinds[kind.str], 1)
-        for name, (kind, offset, *_) in (layout.fields or {}).items()
-    ]
+    """Returns the agents as points of /litsim/objects."""
+
+    def column(name: str) -> np.ndarray:
+        return np.array([getattr(agent, "vehicle_id" if name == "id" else name) for agent in agents])
+
+    points = object_points(column, len(agents))
+    layout = points.dtype
+    fields = [_make("sensor_msgs/msg/PointField", name, at, kind, 1) for name, at, kind in fields_of(layout)]
     described = {"header": _header(step), "height": 1, "width": len(agents), "fields": fields, "is_bigendian": False}
     size, data = layout.itemsize, np.frombuffer(points.tobytes(), np.uint8)
     row = {"point_step": size, "row_step": size * len(agents), "data": data, "is_dense": True}

@@ -78,11 +78,7 @@ BY_STEP = (displacement.displacements, realism.naturalness)
 
 @cache
 def added() -> tuple[Measure, ...]:
-    """Returns the installed measures of other packages.
-
-    Raises:
-        InputError: one cannot be imported.
-    """
+    """Returns the installed measures of other packages; raises InputError if one cannot be imported."""
     return tuple(_added(name, plugins.load(plugins.METRICS, name)) for name in plugins.names(plugins.METRICS))
 
 
@@ -94,11 +90,7 @@ def _added(name: str, measure: Measure) -> Measure:
 
 
 def _checked(name: str, measure: Measure, run: Run) -> float | None:
-    """Returns the value of a plug-in.
-
-    Raises:
-        InputError: it is no finite number.
-    """
+    """Returns the value of a plug-in; raises InputError if it is no finite number."""
     value = measure.value(run)
     if value is not None and not isfinite(value):
         raise InputError(f"measure {name} is {value}, expected a finite number, or None for nothing to measure")
@@ -144,11 +136,7 @@ def _is_empty(tree: Any) -> bool:
 
 
 def write_metrics(metrics: dict[str, Any], path: Path) -> None:
-    """Writes `metrics` as JSON.
-
-    Raises:
-        InputError: `path` cannot be written, or a measure is not finite.
-    """
+    """Writes `metrics` as JSON; raises InputError if `path` cannot be written, or a measure is not finite."""
     try:
         text = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
     except ValueError as error:

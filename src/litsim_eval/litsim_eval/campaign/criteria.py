@@ -119,11 +119,7 @@ class Limits(BaseModel):
 
 
 def _check_kinds(criterion: Limits, field: MetricField) -> None:
-    """Checks that the limits are of the type of the field.
-
-    Raises:
-        ValueError: one is not.
-    """
+    """Checks that the limits are of the type of the field; raises ValueError if one is not."""
     for name in ("min", "max"):
         if getattr(criterion, name) is not None and not field.counts:
             raise ValueError(f"field {criterion.field}: {name} of what is no number, expected equals or one_of")

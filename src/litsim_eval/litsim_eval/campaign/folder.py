@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import re
 import shutil
 from collections import Counter
@@ -28,7 +27,7 @@ from litsim_eval.campaign.results import (
 from litsim_eval.campaign.results_table import TABLE_FILE, write_results_table
 from litsim_eval.campaign.suite import CAMPAIGN_FILE, Suite
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import Unwritable, write_json
+from litsim_sim.io.files import Unwritable, try_lock, write_json
 
 LOCK_FILE = ".lock"
 HISTORY_FOLDER = "history"
@@ -60,10 +59,8 @@ class CampaignFolder:
         except OSError as error:
             raise InputError(f"{self.path}: cannot be used: {error.strerror or error}") from error
         with lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise InputError(f"{self.path}: another campaign is running here") from error
+            if not try_lock(lock):
+                raise InputError(f"{self.path}: another campaign is running here")
             yield
 
     def changes(self, cases: Sequence[Case], versions: Mapping[str, str], *, is_part: bool = False) -> Counter[str]:
@@ -169,11 +166,7 @@ class CampaignFolder:
         return folder
 
     def store(self, result: RunResult) -> None:
-        """Writes a result atomically: from then on its case is finished.
-
-        Raises:
-            Unwritable: it cannot be written.
-        """
+        """Writes a result atomically: from then on its case is finished; raises Unwritable if it cannot be written."""
         write_json(self.run_folder(result.case) / RESULT_FILE, result.to_json())
 
     def write_results(self, results: Sequence[RunResult], **more: Any) -> Path:

@@ -119,11 +119,7 @@ def suite_of_cases(suite: Suite, cases: Sequence[Case]) -> Suite:
 
 
 def write_suite(suite: Suite, path: Path) -> None:
-    """Writes a suite to `path`, with paths relative to it.
-
-    Raises:
-        Unwritable: that is impossible.
-    """
+    """Writes a suite to `path`, with paths relative to it; raises Unwritable if that is impossible."""
     values = suite.model_dump(mode="json", exclude_defaults=True)
     values["criteria"] = suite.criteria.model_dump(mode="json", exclude_defaults=True)
     for entry in values["cases"]:

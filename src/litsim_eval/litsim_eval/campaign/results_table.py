@@ -36,11 +36,7 @@ OF_THE_RUN: dict[str, tuple[pa.DataType, Callable[[RunResult], Any]]] = {
 
 
 def write_results_table(results: Sequence[RunResult], path: Path) -> None:
-    """Writes :func:`results_table` to `path`.
-
-    Raises:
-        Unwritable: it cannot be written.
-    """
+    """Writes :func:`results_table` to `path`; raises Unwritable if it cannot be written."""
     with replacing(path) as new:
         pq.write_table(results_table(results), new)
 

@@ -353,11 +353,7 @@ def _files(scenario: str, suite: Path) -> list[str]:
 
 
 def _suite_file(name: str | Path) -> Path:
-    """Returns the file of a suite, packaged or not.
-
-    Raises:
-        InputError: there is no such suite.
-    """
+    """Returns the file of a suite, packaged or not; raises InputError if there is no such suite."""
     if name in packaged_suites():
         return packaged(f"{SUITES}/{name}.yaml", PACKAGE)
     hint = f", expected a YAML file, the folder of a campaign, or one of {', '.join(packaged_suites())}"

@@ -82,11 +82,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def check_ads(arguments: argparse.Namespace, console: Console) -> int:
-    """Checks a stack and returns the exit status.
-
-    Raises:
-        InputError: an argument or a file cannot be used.
-    """
+    """Checks a stack and returns the exit status; raises InputError if an argument or a file cannot be used."""
     check_security(os.environ)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     scenario = Scenario.load(arguments.scenario, ego=arguments.ego_id, simulation_s=arguments.seconds)

@@ -116,11 +116,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _campaigns(arguments: argparse.Namespace) -> int:
-    """Compares two campaigns; returns the exit status.
-
-    Raises:
-        InputError: they are not two, or cannot be compared.
-    """
+    """Compares two campaigns; returns the exit status. Raises InputError if they are not two, or cannot be compared."""
     if others := [str(path) for path in arguments.runs if not is_campaign(path)]:
         raise InputError(f"{', '.join(others)}: no folder of a campaign, expected two of them, or runs alone")
     if len(arguments.runs) > 2:

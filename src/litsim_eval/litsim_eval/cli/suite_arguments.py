@@ -250,11 +250,7 @@ def _policies(names: Sequence[str], base: Suite | None) -> list[str | PolicySetu
 
 
 def _check_names(option: str, names: Sequence[str], known: Collection[str]) -> None:
-    """Checks that an option was given `known` names only.
-
-    Raises:
-        InputError: it was given others.
-    """
+    """Checks that an option was given `known` names only; raises InputError if it was given others."""
     if unknown := [name for name in names if name not in known]:
         raise InputError(f"{option} {not_among(unknown, known)}")
 

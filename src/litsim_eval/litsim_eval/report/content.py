@@ -16,7 +16,7 @@ from litsim_eval.report.forecasts import Forecasts
 from litsim_eval.report.packing import Packer
 from litsim_eval.report.plans import NO_PLANS, Plans
 from litsim_eval.report.tracks import Tracks, ghosts_of, tracks_of
-from litsim_sim.core.colours import Mode
+from litsim_sim.core.colours import LIGHT_NAMES, Mode
 from litsim_sim.core.scene import Controller, FloatArray, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.takeover import Takeover
@@ -27,16 +27,6 @@ from litsim_sim.record.run import Run
 
 METRE, RADIAN, SPEED, SIGMA = 0.01, 0.002, 0.01, 0.05  # resolutions
 SIMPLIFY = 0.05  # [m] tolerance of the outline of the road
-LIGHTS = {
-    SignalState.FLASHING_RED: "red",
-    SignalState.RED: "red",
-    SignalState.RED_AMBER: "red",
-    SignalState.GREEN_PERMISSIVE: "green",
-    SignalState.GREEN: "green",
-    SignalState.AMBER_PERMISSIVE: "amber",
-    SignalState.AMBER: "amber",
-    SignalState.FLASHING_AMBER: "amber",
-}
 SURROUNDINGS = 150.0  # [m] of road beyond where agents drive
 ORIGIN_GRID = 1000.0  # [m]
 IN_MAP = np.zeros(2)
@@ -121,7 +111,7 @@ def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[
     """Stops lines: for each controlled connection its part of the line, from `origin` [m], and its signal by frame.
 
     The connections of a lane share its line from left to right, as they turn. `shown` lists [frame, light] of every
-    change; lights are those of LIGHTS, or empty if unknown.
+    change; lights are those of LIGHT_NAMES.
     """
     if run.signals is None:
         return []
@@ -130,7 +120,7 @@ def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[
     lines = []
     parts = stop_line_parts(run.signals.links) - origin
     for ends, group in zip(parts, run.signals.link_group.tolist(), strict=True):
-        lights = [LIGHTS.get(SignalState(state), "") for state in run.signals.states[group, frames].tolist()]
+        lights = [LIGHT_NAMES[SignalState(state)] for state in run.signals.states[group, frames].tolist()]
         shown = [[k, light] for k, light in enumerate(lights) if k == 0 or light != lights[k - 1]]
         lines.append({"line": np.round(ends.ravel(), 2).tolist(), "shown": shown})
     return lines

@@ -142,11 +142,7 @@ def run_in_process(case: Case, folder: Path | None = None) -> dict[str, Any]:
 
 
 def plan_of(case: Case) -> RunPlan:
-    """Returns the plan of a case, with its scenario loaded.
-
-    Raises:
-        InputError: the scenario cannot be used.
-    """
+    """Returns the plan of a case, with its scenario loaded; raises InputError if the scenario cannot be used."""
     scenario = _scenario(case.scenario).around(case.ego_id, case.seed, case.end_after_contact_s, case.draw)
     return RunPlan(scenario, case.ego.kind, case.policy, case.stage_parameters)
 

@@ -149,11 +149,7 @@ def _cleared(folder: CampaignFolder, case: Case) -> Path:
 
 
 def _ray() -> Any:
-    """Imports Ray.
-
-    Raises:
-        InputError: it is not installed.
-    """
+    """Imports Ray; raises InputError if it is not installed."""
     try:
         import ray
     except ImportError as error:

@@ -42,13 +42,15 @@ INK, FAINT, ROAD = "#30343b", "#c9cdd3", "#e6e8eb"
 CONFLICT = "#b3127b"
 """Colour of predicted overlaps."""
 
-_RED, _AMBER, _GREEN, _UNKNOWN = (0.9, 0.1, 0.1), (1.0, 0.7, 0.0), (0.1, 0.8, 0.2), (0.5, 0.5, 0.5)
-LIGHTS = {
-    **dict.fromkeys(SignalState, _UNKNOWN),
-    **dict.fromkeys((SignalState.FLASHING_RED, SignalState.RED, SignalState.RED_AMBER), _RED),
-    **dict.fromkeys((SignalState.GREEN_PERMISSIVE, SignalState.GREEN), _GREEN),
-    **dict.fromkeys((SignalState.AMBER_PERMISSIVE, SignalState.AMBER, SignalState.FLASHING_AMBER), _AMBER),
+LIGHT_NAMES = {
+    **dict.fromkeys(SignalState, ""),
+    **dict.fromkeys((SignalState.FLASHING_RED, SignalState.RED, SignalState.RED_AMBER), "red"),
+    **dict.fromkeys((SignalState.GREEN_PERMISSIVE, SignalState.GREEN), "green"),
+    **dict.fromkeys((SignalState.AMBER_PERMISSIVE, SignalState.AMBER, SignalState.FLASHING_AMBER), "amber"),
 }
+"""Name of the colour that a light shows; empty if it is dark or unknown."""
+_RGB = {"red": (0.9, 0.1, 0.1), "amber": (1.0, 0.7, 0.0), "green": (0.1, 0.8, 0.2), "": (0.5, 0.5, 0.5)}
+LIGHTS = {state: _RGB[name] for state, name in LIGHT_NAMES.items()}
 """Red, green and blue, from 0 to 1, of lights in viewers, by what they show."""
 
 

@@ -38,11 +38,7 @@ def latency_steps(text: str) -> int | None:
 
 
 def latency_in(parameters: Parameters | None) -> str:
-    """Returns the latency among the parameters of a run, by stage and name.
-
-    Raises:
-        InputError: it is none.
-    """
+    """Returns the latency among the parameters of a run, by stage and name; raises InputError if it is none."""
     text = str((parameters or {}).get(BRIDGE, {}).get(NAME, NONE))
     try:
         return NONE if latency_steps(text) == 0 else text

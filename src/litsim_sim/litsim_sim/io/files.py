@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from litsim_sim.core.errors import InputError
 
@@ -68,6 +69,17 @@ def require_new_folder(out: Path) -> None:
     """Raise InputError if something is at `out` that is no empty folder."""
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise InputError(f"{out}: exists already, expected a new folder: nothing is replaced")
+
+
+def try_lock(file: int | IO[Any]) -> bool:
+    """Locks an open file for this process until it is closed; returns False if another process has locked it."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass  # a file system that has no locks
+    return True
 
 
 def refuse_input_as_output(out: Path, *inputs: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import socket
 import stat
@@ -14,6 +13,7 @@ from contextlib import AbstractContextManager, ExitStack, closing, contextmanage
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import try_lock
 from litsim_sim.launch.middleware import LOOPBACK, PROFILES, middleware_settings
 
 DOMAIN_IDS = range(233)  # DDS has no ports for larger ids
@@ -71,7 +71,7 @@ def held_domain(domain_id: int, *, patience: float = RELEASE_S) -> Iterator[int]
         raise InputError(f"{path}: the lock of ROS_DOMAIN_ID {domain_id} cannot be had: {error.strerror}") from error
     try:
         until = time.monotonic() + patience
-        while not _locked(descriptor):
+        while not try_lock(descriptor):
             holder = os.pread(descriptor, 32, 0).decode(errors="replace").strip()
             if holder and holder in (os.environ.get(HOLDER), str(os.getpid())):
                 break
@@ -110,15 +110,6 @@ def _open_own(folder: Path, path: Path) -> int:
         os.close(descriptor)
         raise OSError(errno.EPERM, "it is not a file of yours alone")
     return descriptor
-
-
-def _locked(descriptor: int) -> bool:
-    """Try to lock an open file; return whether this process now holds the lock, which it may have held before."""
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 def hold_for_this_process(domain_id: int) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import try_lock
 
 OF_MANY_RUNS = "campaign.json"
 """File by which a folder is known as that of many runs, which no single run is recorded into."""
@@ -40,12 +40,8 @@ def held_output(out: Path) -> Iterator[None]:
     """
     descriptor = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise InputError(f"{out}: another run is recorded there; give another folder (out), or wait") from error
-        except OSError:
-            pass  # a file system that has no locks
+        if not try_lock(descriptor):
+            raise InputError(f"{out}: another run is recorded there; give another folder (out), or wait")
         yield
     finally:
         os.close(descriptor)

@@ -120,12 +120,7 @@ class BridgeOptions:
 
     def plan(self) -> RunPlan:
         """Load the run, as a new execution; raises InputError if its scenario cannot be used."""
-        chosen = {
-            "ego": self.ego_id,
-            "seed": self.seed,
-            "draw": self.draw,
-            "end_after_contact_s": self.end_after_contact_s,
-        }
+        chosen = {"ego": self.ego_id} | {name: getattr(self, name) for name in ("seed", "draw", "end_after_contact_s")}
         overrides: dict[str, Any] = {name: value for name, value in chosen.items() if value != OF_THE_SCENARIO}
         scenario = Scenario.load(self.scenario, **overrides, vehicle=self._own_vehicle or None)
         stages = without_latency(_by_stage(self.stage_parameters))

@@ -21,7 +21,7 @@ from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import AgentTable, Controller, Kind
 from litsim_sim.core.vehicle import HEIGHTS
 from litsim_sim.launch.middleware import is_secured
-from litsim_sim.ros.messages import header
+from litsim_sim.ros.messages import header, place_at
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import packaged_scenarios
 
@@ -245,14 +245,11 @@ class SimulationServices:
         table = self._agents
         yaw, speed, acceleration = (float(getattr(table, name)[row]) for name in ("yaw", "speed", "acceleration"))
         state = msg.EntityState(header=header(table.step))
-        state.pose.position.x, state.pose.position.y = float(table.x[row]), float(table.y[row])
-        state.pose.orientation.z, state.pose.orientation.w = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
+        place_at(state.pose, float(table.x[row]), float(table.y[row]), yaw)
         state.twist.linear.x, state.twist.linear.y = speed * np.cos(yaw), speed * np.sin(yaw)
         state.twist.angular.z = float(table.yaw_rate[row])
-        state.acceleration.linear.x, state.acceleration.linear.y = (
-            acceleration * np.cos(yaw),
-            acceleration * np.sin(yaw),
-        )
+        forward = state.acceleration.linear
+        forward.x, forward.y = acceleration * np.cos(yaw), acceleration * np.sin(yaw)
         return state
 
     def _filtered(self, filters: Any) -> list[int]:

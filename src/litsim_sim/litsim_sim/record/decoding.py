@@ -6,7 +6,6 @@ import struct
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
@@ -34,22 +33,6 @@ def decoded(topic: BagTopic, data: bytes) -> Any:
     store = typestore(topic.definition, topic.type_name)
     check_size(store, topic.type_name, data)
     return store.deserialize_cdr(data, topic.type_name)
-
-
-def cloud_columns(message: Any) -> np.ndarray[Any, Any]:
-    """Returns the points (n,) of a ``sensor_msgs/PointCloud2``; raises ValueError if its fields do not fit."""
-    layout = {field.name: (" bBhHiIfd"[field.datatype], field.offset) for field in message.fields}
-    return np.frombuffer(
-        bytes(message.data),
-        np.dtype(
-            {
-                "names": [*layout],
-                "formats": [kind for kind, _ in layout.values()],
-                "offsets": [offset for _, offset in layout.values()],
-                "itemsize": int(message.point_step),
-            }
-        ),
-    )
 
 
 @lru_cache(maxsize=256)

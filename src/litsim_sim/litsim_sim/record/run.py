@@ -40,7 +40,8 @@ from litsim_sim.core.topic_names import (
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.lane_map.signal_links import ARROW, SignalLink
 from litsim_sim.record.bag import BagReader, BagTopic
-from litsim_sim.record.decoding import UNDECODABLE, cloud_columns, decoded
+from litsim_sim.record.clouds import cloud_columns
+from litsim_sim.record.decoding import UNDECODABLE, decoded
 from litsim_sim.record.failure import read_failure
 from litsim_sim.record.seal import RunFacts, Seal, read_seal
 from litsim_sim.scenario.log import logged_steps

@@ -17,9 +17,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from litsim_sim.core.colours import COLOURS, CONFLICT, MODES_OFF_LOG, Mode
 from litsim_sim.core.scene import AgentTable, FloatArray, Kind
 from litsim_sim.core.takeover import TakeoverState
-from litsim_sim.ros.messages import header
+from litsim_sim.core.vehicle import HEIGHTS
+from litsim_sim.ros.messages import header, place_at
 
-HEIGHT = 1.6  # [m] height of the boxes; recordings do not have it
 LABEL = 1.4  # [m] height of text
 LINE = 0.15  # [m] width of lines
 POINTS_MAX = 13  # most points of a forecast
@@ -72,12 +72,13 @@ class AgentLayer(Layer):
         for agent, kind, controller, x, y, yaw, speed, length, width in zip(*columns, strict=True):
             mode = modes.get(agent, controller) if controller == Mode.POLICY else controller
             key, box = self.marker("agents", agent, Marker.CYLINDER if kind == Kind.PEDESTRIAN else Marker.CUBE)
-            _place(box.pose, x, y, 0.5 * HEIGHT, yaw)
-            box.scale.x, box.scale.y, box.scale.z = length, width, HEIGHT
+            height = HEIGHTS.get(kind, HEIGHTS[Kind.UNKNOWN])
+            _place(box.pose, x, y, 0.5 * height, yaw)
+            box.scale.x, box.scale.y, box.scale.z = length, width, height
             box.color = _MODES.get(mode, _MODES[Mode.LOG])
             yield key, box
             key, label = self.marker("speed", agent, Marker.TEXT_VIEW_FACING, scale=Vector3(z=LABEL), color=_INK)
-            _place(label.pose, x, y, HEIGHT + LABEL, 0.0)
+            _place(label.pose, x, y, height + LABEL, 0.0)
             label.text = f"{speed:.1f}"
             yield key, label
 
@@ -117,12 +118,12 @@ class ConflictLayer(Layer):
         row, other = (-1, -1) if table is None else (table.row(agent), table.row(takeover.opponent))
         key, box = self.marker("conflicts", agent, Marker.CUBE, color=_OVERLAP)
         size = (4.5, 2.0) if table is None or row < 0 else (float(table.length[row]), float(table.width[row]))
-        box.scale.x, box.scale.y, box.scale.z = *size, 0.5 * HEIGHT
-        _place(box.pose, at.x, at.y, 0.25 * HEIGHT, at.theta)
+        box.scale.x, box.scale.y, box.scale.z = *size, 0.5 * HEIGHTS[Kind.CAR]
+        _place(box.pose, at.x, at.y, 0.25 * HEIGHTS[Kind.CAR], at.theta)
         yield key, box
         if table is not None and min(row, other) >= 0:
             key, line = self.marker("opponents", agent, Marker.LINE_STRIP, scale=Vector3(x=LINE), color=_OVERLAP)
-            line.points = _points(np.column_stack([table.x, table.y])[[row, other]], HEIGHT)
+            line.points = _points(np.column_stack([table.x, table.y])[[row, other]], HEIGHTS[Kind.CAR])
             yield key, line
         path = np.array(takeover.reference_path, np.float64).reshape(-1, 2)
         if len(path) > 1:
@@ -146,8 +147,8 @@ def _colour(text: str, alpha: float = 1.0) -> ColorRGBA:
 
 
 def _place(pose: Pose, x: float, y: float, z: float, yaw: float) -> None:
-    pose.position.x, pose.position.y, pose.position.z = x, y, z
-    pose.orientation.z, pose.orientation.w = float(np.sin(0.5 * yaw)), float(np.cos(0.5 * yaw))
+    place_at(pose, x, y, yaw)
+    pose.position.z = z
 
 
 def _points(line: FloatArray, z: float = 0.2) -> list[Point]:

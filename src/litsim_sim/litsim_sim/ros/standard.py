@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,21 +18,11 @@ from litsim_sim.core.signals import SignalState
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.lane_map.signal_links import stop_line_parts
+from litsim_sim.record.clouds import fields_of, object_points
 from litsim_sim.ros.messages import header
 from litsim_sim.ros.topics import OBJECTS
 from litsim_sim.scenario.signals import Signals
 
-_FLOATS = ("x", "y", "z", "yaw", "speed", "vx", "vy", "length", "width")
-_DOUBLES = ("x64", "y64")
-_OBJECT = np.dtype(
-    [
-        *((name, "<f4") for name in _FLOATS),
-        ("id", "<u4"),
-        ("kind", "u1"),
-        ("padding", "V7"),
-        *((name, "<f8") for name in _DOUBLES),
-    ]
-)
 _LIGHT = np.dtype(
     [
         *((name, "<f4") for name in ("x", "y", "z", "yaw", "width")),
@@ -42,15 +33,8 @@ _LIGHT = np.dtype(
         *((name, "<f8") for name in ("x64", "y64", "exit_x64", "exit_y64")),
     ]
 )
-_DATATYPES = {
-    "<f4": PointField.FLOAT32,
-    "<f8": PointField.FLOAT64,
-    "<u4": PointField.UINT32,
-    "|u1": PointField.UINT8,
-}
 NONE = 0xFFFFFFFF  # of numbers in clouds: there is no such lane or light
 _COARSE = 0.01  # [m] rounding of x and y from which on x64 and y64 are needed
-_ID_MASK = 0xFFFFFFFF  # PointCloud2 has no 64-bit integers
 _CENTRE = ColorRGBA(r=0.55, g=0.55, b=0.6, a=0.6)
 _BOUNDARY = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
 _LINE_WIDTH = 0.12  # [m]
@@ -65,15 +49,8 @@ def objects(table: AgentTable, ego_id: int) -> PointCloud2:
     the recording's), kind as UINT8 (as in ``litsim_msgs/AgentStates``); x64 and y64, x and y as FLOAT64: far from the
     origin, as in UTM, FLOAT32 rounds to decimetres. A position is that of a box centre.
     """
-    others = table.id != ego_id
-    points = np.zeros(int(others.sum()), _OBJECT)
-    for name in ("x", "y", "yaw", "speed", "length", "width", "kind"):
-        points[name] = getattr(table, name)[others]
-    points["x64"], points["y64"] = table.x[others], table.y[others]
-    points["id"] = table.id[others] & _ID_MASK
-    yaw, speed = table.yaw[others], table.speed[others]
-    points["vx"], points["vy"] = speed * np.cos(yaw), speed * np.sin(yaw)
-    return cloud(table.step, points)
+    others = table.take(table.id != ego_id)
+    return cloud(table.step, object_points(partial(getattr, others), len(others)))
 
 
 def lights(step: int, signals: Signals | None, lane_map: LaneMap) -> PointCloud2:
@@ -118,11 +95,7 @@ def light_markers(step: int, signals: Signals | None) -> MarkerArray:
 def cloud(step: int, points: np.ndarray[Any, Any]) -> PointCloud2:
     """Returns a structured array (n,) as a cloud with a field for each of its fields but padding, in frame map."""
     layout = points.dtype
-    fields = [
-        PointField(name=name, offset=offset, datatype=_DATATYPES[kind.str], count=1)
-        for name, (kind, offset, *_) in (layout.fields or {}).items()
-        if name != "padding"
-    ]
+    fields = [PointField(name=name, offset=at, datatype=kind, count=1) for name, at, kind in fields_of(layout)]
     return PointCloud2(
         header=header(step),
         height=1,

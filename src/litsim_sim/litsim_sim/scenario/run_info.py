@@ -70,14 +70,8 @@ class RunPlan:
         `settings` are stage, name and value of parameters; the `predictor` is ignored in a replay. Raises an
         InputError if the scenario, a name or a YAML file, cannot be used.
         """
-        overrides: dict[str, Any] = {
-            "ego": ego_id,
-            "seed": seed,
-            "draw": draw,
-            "end_after_contact_s": end_after_contact_s,
-            "vehicle": dict(vehicle or {}) or None,
-        }
-        loaded = Scenario.load(scenario, **{name: value for name, value in overrides.items() if value is not None})
+        given: dict[str, Any] = {"ego": ego_id, "seed": seed, "draw": draw, "end_after_contact_s": end_after_contact_s}
+        loaded = Scenario.load(scenario, **given, vehicle=dict(vehicle or {}) or None)
         setup = setup_of(policy)
         model = [] if predictor is None or setup.kind == REPLAY else [("predictor", "model", predictor)]
         return cls(loaded, ego, setup.kind, setup.stage_parameters(by_stage([*model, *settings])))
