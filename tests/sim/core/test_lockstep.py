@@ -1,6 +1,5 @@
 """The lock-step rule: what counts as an answer, and what as an old one."""
 
-from collections import Counter
 from typing import Any
 
 import pytest
@@ -9,12 +8,7 @@ from hypothesis import strategies as st
 
 from litsim_sim.core.lockstep import Gate, Joiner, marks_of, step_marks
 
-RUN, CONTROLS, EGO = "run-1", "controls", "ego"
-
-
-@pytest.fixture
-def gate() -> Gate:
-    return Gate(RUN, (CONTROLS, EGO))
+RUN = "run-1"
 
 
 @pytest.fixture
@@ -25,44 +19,36 @@ def joiner() -> Joiner:
 # Gate
 
 
-def test_a_late_answer_is_the_newest_there_is_but_answers_nothing(gate: Gate) -> None:
+def test_a_late_answer_is_the_newest_there_is_but_answers_nothing() -> None:
+    gate = Gate(RUN)
     gate.open(0)
-    gate.offer(EGO, RUN, 0, "zero")
+    gate.offer(RUN, 0, "zero")
     gate.open(1)
     gate.open(2)
-    assert gate.newest == {EGO: "zero"}
-    gate.offer(EGO, RUN, 1, "one")
-    assert (gate.newest, gate.missing) == ({EGO: "one"}, [CONTROLS, EGO])
-    gate.offer(EGO, RUN, 0, "zero again")
-    assert gate.newest == {EGO: "one"}
-    assert gate.stale == {EGO: 2}
+    assert gate.newest == "zero"
+    gate.offer(RUN, 1, "one")
+    assert (gate.newest, gate.missing) == ("one", True)
+    gate.offer(RUN, 0, "zero again")
+    assert (gate.newest, gate.stale) == ("one", 2)
 
 
-def test_nothing_is_missing_where_nothing_is_required() -> None:
-    gate = Gate(RUN, ())
-    gate.open(0)
-    assert gate.missing == []
-
-
-offers = st.tuples(
-    st.sampled_from([CONTROLS, EGO]), st.sampled_from([RUN, RUN, RUN, "other"]), st.integers(0, 5), st.integers()
-)
+offers = st.tuples(st.sampled_from([RUN, RUN, RUN, "other"]), st.integers(0, 5), st.integers())
 
 
 @given(st.lists(st.lists(offers, max_size=6), min_size=1, max_size=6))
 def test_a_gate_holds_the_first_answer_to_its_step_and_counts_all_others(steps: list[list[Any]]) -> None:
-    gate, stale = Gate(RUN, (CONTROLS, EGO)), Counter[str]()
+    gate, stale = Gate(RUN), 0
     for step, given_answers in enumerate(steps):
         gate.open(step)
-        expected: dict[str, int] = {}
-        for name, run, of, answer in given_answers:
-            gate.offer(name, run, of, answer)
-            if (run, of) == (RUN, step) and name not in expected:
-                expected[name] = answer
+        expected: list[int] = []
+        for run, of, answer in given_answers:
+            gate.offer(run, of, answer)
+            if (run, of) == (RUN, step) and not expected:
+                expected = [answer]
             else:
-                stale[name] += 1
-        assert {name: gate.newest[name] for name in expected} == expected
-        assert gate.missing == [name for name in (CONTROLS, EGO) if name not in expected]
+                stale += 1
+        assert gate.missing is not bool(expected)
+        assert not expected or gate.newest == expected[0]
         assert gate.stale == stale
 
 

@@ -1,6 +1,6 @@
 """The lock-step protocol, without ROS: waiting for answers, stale answers, and repeated requests.
 
-The bridge publishes a step and waits in a :class:`Gate` until every required answer to it is in. A stage collects
+The bridge publishes a step and waits in a :class:`Gate` until the answer of the policy to it is in. A stage collects
 its inputs in a :class:`Joiner` and answers each step once; asked for the same step again, it repeats its answer.
 The bridge repeats the first step until every stage, the recorder included, has answered it, because messages of
 a DDS graph can be lost until all readers and writers have matched; from then on delivery is reliable.
@@ -8,6 +8,7 @@ a DDS graph can be lost until all readers and writers have matched; from then on
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -28,57 +29,47 @@ def unanswered(summary: Mapping[str, Any]) -> list[str]:
 
 @dataclass
 class Gate:
-    """Collects the answers that the bridge waits for, one under every required name at each step.
+    """Takes the answers that the bridge waits for on one topic, one to every step.
 
     Attributes:
         run_id: answers of other runs are dropped.
-        required: names of the answers to every step.
-        stale: number of answers that came late, twice, or to another run, by name. Answers to repeated requests
-            for a step are not counted, however late they come.
+        stale: number of answers that came late, twice, or to another run. Answers to repeated requests for a step are
+            not counted, however late they come.
         step: the step that was opened last; -1 before the first.
+        newest: the newest answer, which is held if the one to the current step is missing; None before the first.
     """
 
     run_id: str
-    required: tuple[str, ...]
-    stale: dict[str, int] = field(default_factory=dict)
+    stale: int = 0
     step: int = -1
-    _newest: dict[str, tuple[int, Any]] = field(default_factory=dict)
-    _asked: dict[int, int] = field(default_factory=dict)  # how often the current step and repeated ones were asked for
-    _repeated: dict[tuple[str, int], int] = field(default_factory=dict)  # answers after the first, by name and step
+    newest: Any = None
+    _answered: int = -1  # step of the newest answer
+    _asked: Counter[int] = field(default_factory=Counter)  # how often the current step and repeated ones were asked for
+    _repeated: Counter[int] = field(default_factory=Counter)  # answers after the first, by step
 
     def open(self, step: int) -> None:
-        """Begin `step`, to which answers are required from now on."""
-        self._asked = {k: times for k, times in self._asked.items() if times > 1}
+        """Begin `step`, to which an answer is required from now on."""
+        self._asked = Counter({k: times for k, times in self._asked.items() if times > 1})
         self.step = step
 
     def ask(self) -> None:
         """Count a request for the current step, the first or a repeated one."""
-        self._asked[self.step] = self._asked.get(self.step, 0) + 1
+        self._asked[self.step] += 1
 
-    def offer(self, name: str, run_id: str, step: int, answer: Any) -> None:
+    def offer(self, run_id: str, step: int, answer: Any) -> None:
         """Take an answer; a late one is counted as stale, but kept if it is the newest so far."""
-        newer = run_id == self.run_id and self._answered(name) < step <= self.step
+        newer = run_id == self.run_id and self._answered < step <= self.step
         if newer:
-            self._newest[name] = (step, answer)
-        elif run_id == self.run_id and self._repeated.get((name, step), 0) < self._asked.get(step, 0) - 1:
-            self._repeated[name, step] = self._repeated.get((name, step), 0) + 1
+            self._answered, self.newest = step, answer
+        elif run_id == self.run_id and self._repeated[step] < self._asked[step] - 1:
+            self._repeated[step] += 1
             return
-        if not newer or step < self.step:
-            self.stale[name] = self.stale.get(name, 0) + 1
+        self.stale += not newer or step < self.step
 
     @property
-    def missing(self) -> list[str]:
-        """The required names without an answer to the current step."""
-        return [name for name in self.required if self._answered(name) != self.step]
-
-    @property
-    def newest(self) -> dict[str, Any]:
-        """The newest answer by name, which is held if the one to the current step is missing."""
-        return {name: answer for name, (_, answer) in self._newest.items()}
-
-    def _answered(self, name: str) -> int:
-        """Step of the newest answer under `name`; -1 before the first."""
-        return self._newest[name][0] if name in self._newest else -1
+    def missing(self) -> bool:
+        """Whether the current step has no answer yet."""
+        return self._answered != self.step
 
 
 @dataclass

@@ -165,7 +165,7 @@ class ResponseCollector:
         self._convert = convert
         self._ego_id = ego_id
         self._stop_on_missing = stop_on_missing
-        self._gate = Gate(run_id, (CONTROLS,) if with_policy else ())
+        self._gate, self._with_policy = Gate(run_id), with_policy
         self._command = EgoCommand(-1)  # valid for the step that it names
         self._missed: dict[str, int] = {}
 
@@ -177,7 +177,8 @@ class ResponseCollector:
     @property
     def missing(self) -> list[str]:
         """Topics on which an answer is missing."""
-        return self._gate.missing + ([" or ".join(self._port.topics)] if self._port.missing else [])
+        policy = [CONTROLS] if self._with_policy and self._gate.missing else []
+        return policy + ([" or ".join(self._port.topics)] if self._port.missing else [])
 
     @property
     def complete(self) -> bool:
@@ -201,7 +202,7 @@ class ResponseCollector:
 
     def offer_controls(self, run_id: str, step: int, message: Any) -> None:
         """Take an answer of the policy; it is converted only if it is used."""
-        self._gate.offer(CONTROLS, run_id, step, message)
+        self._gate.offer(run_id, step, message)
 
     def command(self) -> EgoCommand:
         """Returns the ego's command for this step, or the newest one; raises RunFailed if its answer cannot be used."""
@@ -229,11 +230,10 @@ class ResponseCollector:
 
     def controls(self) -> ControlTable:
         """Returns the controls for this step, the newest ones, or none; raises RunFailed if they cannot be used."""
-        newest = self._gate.newest.get(CONTROLS)
-        if newest is None:
+        if self._gate.newest is None:
             return ControlTable.empty(self.step)
         try:
-            controls = self._convert(newest)
+            controls = self._convert(self._gate.newest)
             check_controls(controls, self._ego_id)
         except ValueError as error:
             raise RunFailed(f"the answer to step {self.step} on {CONTROLS} cannot be used: {error}") from error
@@ -243,7 +243,7 @@ class ResponseCollector:
         """Counts of `missed` and `stale` answers by topic, and those of the `ego_port`."""
         counts = self._port.counts
         late = counts["late"] + counts["stale"]
-        stale = self._gate.stale | ({self._port.topics[0]: late} if late else {})
+        stale = {name: count for name, count in ((CONTROLS, self._gate.stale), (self._port.topics[0], late)) if count}
         port = {"interface": str(self._port.interface)} | {name: counts[name] for name in COUNTS}
         return {"missed": self._missed, "stale": stale, "ego_port": port}
 
