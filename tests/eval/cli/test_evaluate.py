@@ -186,9 +186,14 @@ def test_the_exit_status_is_the_verdict_by_the_criteria(tmp_path, capsys, limit:
     said = capsys.readouterr()
     assert (f"failed  demo/{EGO}/idm/replay: few: collision.excess is " in said.err) == bool(status)
     assert f"{1 - status} passed, {status} failed, 0 errors" in said.out
+    assert re.search(r"runs with new contacts ↓ +1 *\n", said.out) and "contacts, background's fault ↓" in said.out
     found = results(tmp_path / "out")
     assert found["verdict"] == ("failed" if status else "passed")
-    assert found["variants"]["idm, replay"]["colliding_runs"] == 1
+    variant = found["variants"]["idm, replay"]
+    assert variant["colliding_runs"] == 1 and variant["background_faults"] > 0
+    passed = "idm, replay: 1 of 1 runs that passed have contacts that the log has not, "
+    by_fault = f"{variant['background_faults']} at the background's fault and 0 at the ego's\n"
+    assert (passed + by_fault in said.out) == (not status)
     page = tmp_path / "out/experiment.html"
     assert f"report: {page}\n" in said.out
     assert ('<span class="badge bad">not passed</span>' in page.read_text()) == bool(status)

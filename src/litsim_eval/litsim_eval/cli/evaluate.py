@@ -153,6 +153,9 @@ def _print(campaign: Campaign, *, everything: bool, intervals: bool) -> None:
     if drawn := drawn_cases(campaign.results):
         print_drawn(drawn, REASONS_MAX, Console())
     print(f"{_counted(campaign.results)}; every run: {campaign.folder / RESULTS_FILE}")
+    for variant, results in campaign.variants.items():
+        if sentence := contacts_of_passed(variant, results):
+            print(sentence)
     for criterion in campaign.judged:
         if not criterion.passed:
             print(f"failed  {criterion.name}: {criterion.reason}", file=sys.stderr)
@@ -164,6 +167,25 @@ def _print(campaign: Campaign, *, everything: bool, intervals: bool) -> None:
         if len(results) > most:
             more = f"and {len(results) - most} more of {variant}: {campaign.folder / RESULTS_FILE}"
             print(f"        {more}", file=sys.stderr)
+
+
+def contacts_of_passed(variant: str, results: Sequence[RunResult]) -> str:
+    """Returns a sentence on those `results` of a variant that passed with contacts that the log has not, if any.
+
+    Criteria may judge the ego alone, so that contacts at the background's fault fail no run.
+    """
+    passed = [result.metrics for result in results if result.verdict == Verdict.PASSED and result.metrics is not None]
+    touching = [metrics for metrics in passed if not metrics["reactive"]]
+    if not touching:
+        return ""
+    faults = Counter[str]()
+    for metrics in touching:
+        faults.update(metrics["collision"]["by_fault"])
+    ego = faults.total() - faults["background"]
+    return (
+        f"{variant}: {len(touching)} of {len(passed)} runs that passed have contacts that the log has not, "
+        f"{faults['background']} at the background's fault and {ego} at the ego's"
+    )
 
 
 def _worst_first(results: Sequence[RunResult]) -> list[RunResult]:

@@ -25,6 +25,7 @@ from litsim_eval.analysis.measure import (
     family,
     moments_of,
     share_of,
+    total,
 )
 from litsim_eval.analysis.measures.blame import Blame, blame
 from litsim_eval.analysis.measures.collision import Collisions, EgoContact, collisions
@@ -157,15 +158,20 @@ def _rate(which: str, of: str) -> Callable[[Run], float | None]:
     return value
 
 
-def _of_fault(name: str, title: str, row: str, better: Better = LOWER) -> Measure:
+def _of_fault(name: str, title: str, row: Row, better: Better = LOWER) -> Measure:
     """Returns the measure of one of :func:`count_faults`."""
     value, path = (lambda run: run.once(count_faults)[name]), f"collision.by_fault.{name}"
-    return Count(path, value, title, better=better, rows=(Row(row),))
+    return Count(path, value, title, better=better, rows=(row,))
 
 
 COLLIDING, EXCESS = (Row("colliding_agents"),), (Row("excess_pairs", table=Table.NONE),)
 REACTIVE = (
-    Row("colliding_runs", title="colliding runs", figure=lambda run: not run["reactive"], better=LOWER),
+    Row(
+        "colliding_runs",
+        *(total, Table.EGO, "runs with new contacts"),
+        figure=lambda run: not run["reactive"],
+        better=LOWER,
+    ),
     Row(share=True, of_all=True),
 )
 MEASURES = family(
@@ -197,9 +203,9 @@ MEASURES = family(
         lambda run: sum(not contact.contact.ego_at_fault for contact in new_contacts(run)),
     ),
     "contacts that are not in the log, [by who could have avoided them](#who-answers-for-a-contact)",
-    _of_fault("background", "contacts, background's fault", "background_faults"),
-    _of_fault("ego_avoidable", "ego's fault, other could avoid", "ego_faults_avoidable"),
-    _of_fault("ego_unavoidable", "ego's fault, other could not", "ego_faults_unavoidable", better=Better.NEITHER),
+    _of_fault("background", "contacts, background's fault", Row("background_faults", table=Table.EGO)),
+    _of_fault("ego_avoidable", "ego's fault, other could avoid", Row("ego_faults_avoidable")),
+    _of_fault("ego_unavoidable", "ego's fault, other could not", Row("ego_faults_unavoidable"), better=Better.NEITHER),
     "pairs that overlap in the log itself; pairs of the run with a contact that is not in the log",
     Count("collision.log_floor", lambda run: len(hits(run).log), "pairs in the log"),
     Count("collision.excess", lambda run: len(hits(run).excess), "pairs not in the log", "", LOWER, rows=EXCESS),
