@@ -1,5 +1,7 @@
 """Tracking of trajectories and target speeds, closed over the very vehicle that the world moves."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.vehicle import Actuators, VehicleModel
 from litsim_sim.ego_port.tracking import EgoState, Reference, Trajectory, TwistTarget, follow_twist
 
+Plan = Callable[[float, float, float, np.ndarray], np.ndarray]
 LENGTH = 4.5
 REAR = 0.29 * LENGTH
 
@@ -74,6 +77,44 @@ def test_an_offset_fades_without_ringing(model: VehicleModel, speed: float) -> N
     assert abs(y[-20:]).max() < 0.1
     assert y.min() > -0.2
     assert errors(trajectory, states)[-1] < 0.15
+
+
+def along(radius: float, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a lane that bends to the left, as complex numbers, and its headings; straight for no radius."""
+    heading = s / radius
+    return s * np.sinc(heading / (2.0 * np.pi)) * np.exp(0.5j * heading), heading
+
+
+def frenet(left: float, yaw: float, speed: float, time: np.ndarray) -> np.ndarray:
+    """Distances to the left of the lane: they fade from those of the ego, that moves as its body heads."""
+    return (left * (1.0 + time) + speed * np.sin(yaw) * time) * np.exp(-time)
+
+
+def centre(_left: float, _yaw: float, _speed: float, time: np.ndarray) -> np.ndarray:
+    return 0.0 * time
+
+
+@pytest.mark.parametrize("first", [0.0, 0.1])
+@pytest.mark.parametrize("speed", [2.0, 4.0, 7.0, 12.0, 25.0])
+@pytest.mark.parametrize(("plan", "bend_error"), [(frenet, 1.1), (centre, 0.25)])
+def test_a_stack_that_plans_anew_at_every_step(plan: Plan, bend_error: float, speed: float, first: float) -> None:
+    """From 1.2 m beside its lane it comes back to it, and in a bend it stays on it."""
+    time, lane = np.arange(first, 4.0, 0.1), np.arange(-10.0, 12.0 * speed + 40.0, 0.02)
+
+    def lefts(radius: float, left: float) -> np.ndarray:
+        points, headings = along(radius, lane)
+        ego, states = EgoState(0.0, 0.0, left, 0.0, speed, LENGTH), []
+        for _ in range(120):
+            at = complex(ego.x, ego.y)
+            here = int(np.argmin(np.abs(points - at)))
+            states.append(((at - points[here]) * np.exp(-1j * headings[here])).imag)
+            places, heading = along(radius, lane[here] + speed * time)
+            places = places + 1j * plan(states[-1], ego.yaw - headings[here], speed, time) * np.exp(1j * heading)
+            (ego,) = drive(Trajectory(ego.time + time, places.real, places.imag), ego, VehicleModel(), 1)
+        return np.array(states)
+
+    assert abs(lefts(np.inf, 1.2)[-30:]).max() < 0.1
+    assert abs(lefts(max(8.0, speed**2 / 2.5), 0.0)).max() < bend_error
 
 
 def test_it_stops_where_the_trajectory_does_and_stays() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import STEP_S, FloatArray
@@ -63,23 +64,28 @@ class Reference:
     """A trajectory as a motion over time, and the law by which the ego tracks it.
 
     Speed and heading are those of the way between the poses, at the middle of each interval, and linear in time
-    between; the ego's own are the first where the trajectory begins now. Poses are linear in time.
+    between. Poses are linear in time. One that begins at the next step is prolonged back to now; before one that begins
+    later, the ego drives to its first pose.
     """
 
     def __init__(self, trajectory: Trajectory, ego: EgoState) -> None:
-        time, x, y = trajectory.time, trajectory.x, trajectory.y
+        time, places = trajectory.time, trajectory.x + 1j * trajectory.y
         self._empty = not len(time)
         self._first = ego.time if self._empty else float(time[0])
-        if self._empty or time[0] > ego.time + 0.5 * STEP_S:
-            time, x, y = np.append(ego.time, time), np.append(ego.x, x), np.append(ego.y, y)
-        self._time, self._x, self._y = time, x, y
-        steps = np.diff(time), np.diff(x), np.diff(y)
-        middle = time[:-1] + 0.5 * steps[0]
-        speed = np.hypot(steps[1], steps[2]) / steps[0]
+        later, known = self._empty or time[0] > ego.time + 0.5 * STEP_S, 0
+        if later:
+            begin = complex(ego.x, ego.y)
+            if len(time) > 1 and time[0] < ego.time + 1.5 * STEP_S:
+                begin, known = _before(time, places, ego.time), 1
+            time, places = np.append(ego.time, time), np.append(begin, places)
+        self._time, self._x, self._y = time, places.real, places.imag
+        took, way = np.diff(time)[known:], np.diff(places)[known:]
+        middle = time[known:-1] + 0.5 * took
+        speed = np.abs(way) / took
         moving = speed > CRAWL
-        heading, at = np.arctan2(steps[2], steps[1])[moving], middle[moving]
-        if not len(at) or ego.time < at[0]:
-            heading, at = np.append(ego.yaw, heading), np.append(ego.time, at)
+        heading, at = np.angle(way)[moving], middle[moving]
+        if not len(at):
+            heading, at = np.array([ego.yaw]), np.array([ego.time])
         if not len(middle) or ego.time < middle[0]:
             speed, middle = np.append(ego.speed, speed), np.append(ego.time, middle)
         self._speed, self._middle = speed, middle
@@ -131,8 +137,11 @@ class Reference:
         bandwidth = BANDWIDTH / (1.0 + 2.0 * BANDWIDTH * vehicle.reaction_s)
         # The centre of a box is ahead of its rear axle, so in a bend it does not move along the heading.
         slip = float(np.arcsin(np.clip(vehicle.rear_axle * ego.length * curvature, -0.9, 0.9)))
-        heading = self._at(self._heading_time, self._heading, now) - slip
+        early = max(float(self._heading_time[0]) - now, 0.0)
+        heading = self._at(self._heading_time, self._heading, now) - rate * early - slip
         e_heading = float(wrap_angle(np.asarray(heading - ego.yaw)))
+        if early:  # it begins now, as the box or as its centre heads
+            e_heading -= float(np.clip(e_heading, min(0.0, -slip), max(0.0, -slip)))
         dx, dy = self._offset(now, ego)
         e_along, e_across = (float(e) for e in to_body(np.asarray(dx), np.asarray(dy), np.asarray(heading)))
         acceleration = (
@@ -158,3 +167,13 @@ class Reference:
             low, high = (times[0], times[0] + PREVIEW) if time < times[0] else (times[-1] - PREVIEW, times[-1])
         change = np.interp(high, times, values) - np.interp(low, times, values)
         return float(change / (high - low))
+
+
+def _before(time: FloatArray, places: NDArray[np.complex128], now: float) -> complex:
+    """Returns where a motion through `places` (m,), at least two, at `time` (m,) [s] was at `now`, shortly before it."""
+    took = np.diff(time[:3])
+    velocity = np.diff(places[:3]) / took
+    turns = len(took) > 1 and np.abs(velocity).min() > CRAWL
+    rate = float(np.angle(velocity[1] / velocity[0])) / (0.5 * took.sum()) if turns else 0.0
+    back = float(time[0]) - now
+    return complex(places[0] - back * velocity[0] * np.exp(-0.5j * rate * (back + took[0])))
