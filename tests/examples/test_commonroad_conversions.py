@@ -44,7 +44,7 @@ def test_objects_and_ego(conversions: ModuleType, agent_table: Callable[..., Any
     assert (other["id"], other["kind"]) == (2, 1)
     assert [other[name] for name in ("x", "y", "yaw", "length", "width")] == pytest.approx([120, -1.5, -0.25, 9, 2.5])
     assert (other["vx"], other["vy"]) == pytest.approx((8.0 * np.cos(-0.25), 8.0 * np.sin(-0.25)))
-    ego = conversions.ego_of(messages.ego_odometry(table, 1))
+    ego = conversions.ego_of(messages.ego_odometry(table, 1, 0.29))
     assert (ego.x, ego.y, ego.yaw, ego.speed, ego.yaw_rate) == pytest.approx((100.0, -5.0, 0.5, 12.0, 0.1))
 
 

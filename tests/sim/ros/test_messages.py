@@ -175,17 +175,18 @@ def yaw_of(orientation: Any) -> float:
 
 @given(st.floats(-3.1, 3.1), st.floats(0, 40), st.floats(-1, 1))
 def test_odometry_of_the_ego(agent_table: Callable[..., AgentTable], yaw: float, speed: float, rate: float) -> None:
-    ego = {"id": 5, "x": 10.0, "y": -3.0, "yaw": yaw, "speed": speed, "yaw_rate": rate}
-    message = through_cdr(messages.ego_odometry(agent_table(8, {"id": 1}, ego), 5))
+    ego = {"id": 5, "x": 10.0, "y": -3.0, "length": 4.0, "yaw": yaw, "speed": speed, "yaw_rate": rate}
+    message = through_cdr(messages.ego_odometry(agent_table(8, {"id": 1}, ego), 5, 0.25))
     pose, twist = message.pose.pose, message.twist.twist
     assert (message.header, message.child_frame_id) == (messages.header(8), "ego")
     assert (pose.position.x, pose.position.y, pose.position.z) == (10.0, -3.0, 0.0)
     assert yaw_of(pose.orientation) == pytest.approx(yaw, abs=1e-12)
-    assert (twist.linear.x, twist.linear.y, twist.angular.z) == (speed, 0.0, rate)
+    assert (twist.linear.x, twist.angular.z) == (speed, rate)
+    assert twist.linear.y == pytest.approx(rate)  # of the centre, a metre ahead of the axle
 
 
 def test_odometry_once_the_ego_has_left(agent_table: Callable[..., AgentTable]) -> None:
-    message = messages.ego_odometry(agent_table(8, {"id": 1, "x": 9.0}), 5)
+    message = messages.ego_odometry(agent_table(8, {"id": 1, "x": 9.0}), 5, 0.29)
     assert message.header == messages.header(8)
     assert (message.pose.pose.position.x, message.twist.twist.linear.x) == (0.0, 0.0)
 
@@ -227,7 +228,7 @@ def test_definitions_are_complete_for_other_readers(name: str) -> None:
 def test_readers_without_ros_decode_by_the_definition(agent_table: Callable[..., AgentTable]) -> None:
     table = agent_table(8, {"id": 1, "x": 1.5}, {"id": 5, "x": -2.5, "yaw": 0.5, "speed": 12.0})
     agents = messages.agents_to_message(table, "run-1", 280, 5)
-    odometry = messages.ego_odometry(table, 5)
+    odometry = messages.ego_odometry(table, 5, 0.29)
     for name, message in (("litsim_msgs/msg/AgentStates", agents), ("nav_msgs/msg/Odometry", odometry)):
         text, data = definitions.definition(name), serialize_message(message)
         store = get_typestore(Stores.EMPTY)

@@ -170,7 +170,7 @@ class Reference:
 
 
 def _before(time: FloatArray, places: NDArray[np.complex128], now: float) -> complex:
-    """Returns where a motion through `places` (m,), at least two, at `time` (m,) [s] was at `now`, shortly before it."""
+    """Returns where a motion through `places` (m,), at least two, at `time` (m,) [s] was `now`, shortly before."""
     took = np.diff(time[:3])
     velocity = np.diff(places[:3]) / took
     turns = len(took) > 1 and np.abs(velocity).min() > CRAWL

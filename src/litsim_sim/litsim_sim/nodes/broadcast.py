@@ -104,7 +104,7 @@ class Broadcast:
     def accompany(self, table: AgentTable) -> None:
         """Publish the other messages of the last step shown; after step 0, those of IF_HEARD only to subscribers."""
         ego_id = self._plan.scenario.ego_id
-        state = messages.ego_odometry(table, ego_id)
+        state = messages.ego_odometry(table, ego_id, self._plan.scenario.vehicle.rear_axle)
         if self._frames and table.row(ego_id) >= 0:
             self._frames.show(state)
         self._scene.append(self._publish(EGO_STATE, state))

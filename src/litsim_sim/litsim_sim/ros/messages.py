@@ -119,14 +119,18 @@ def ego_to_message(command: EgoCommand, run_id: str) -> EgoControl:
     )
 
 
-def ego_odometry(table: AgentTable, ego_id: int) -> Odometry:
-    """Pose of the ego's box centre in frame map, twist in its body frame ``ego``; all zero once it has left."""
+def ego_odometry(table: AgentTable, ego_id: int, rear_axle: float) -> Odometry:
+    """Pose of the ego's box centre in frame map, twist there in its body frame ``ego``; all zero once it has left.
+
+    `rear_axle` is the distance of the rear axle behind the centre, as a share of the length.
+    """
     message = Odometry(header=header(table.step), child_frame_id="ego")
     row = table.row(ego_id)
     if row >= 0:
         twist = message.twist.twist
         place_at(message.pose.pose, float(table.x[row]), float(table.y[row]), float(table.yaw[row]))
         twist.linear.x, twist.angular.z = float(table.speed[row]), float(table.yaw_rate[row])
+        twist.linear.y = twist.angular.z * rear_axle * float(table.length[row])
     return message
 
 
