@@ -4,22 +4,22 @@ from pathlib import Path
 
 import pytest
 
+from litsim_data.traffic.seeds import PAPER
+from litsim_eval.campaign.suite import EgoSetup
 from litsim_research.paper.experiments import (
     ABLATION,
-    ABLATIONS,
     CHANGED,
-    DEVIATING,
-    DEVIATING_EGO,
-    REGIONS,
-    TABLE,
+    CONFLICTING,
+    EXPERIMENTS,
+    Experiment,
 )
-from litsim_research.paper.roads import roads
+from litsim_research.paper.roads import missing, roads
+from litsim_sim.core.parameters import by_place
 from litsim_sim.scenario.policies import PolicySetup, installed_setups, setup_of
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.simulation import configured
 
-EXPERIMENTS = (TABLE, ABLATIONS, CHANGED, REGIONS, DEVIATING)
-EVERY = (*installed_setups(), *(row for each in EXPERIMENTS for row in each.policies))
+EVERY = (*installed_setups(), *(row for each in EXPERIMENTS.values() for row in each.policies))
 
 
 @pytest.mark.parametrize("policy", EVERY, ids=lambda policy: policy if isinstance(policy, str) else policy.name)
@@ -28,13 +28,27 @@ def test_every_row_has_parameters_that_its_stages_know(policy: str | PolicySetup
     assert configured("bat", setup.kind, setup.stage_parameters())["ego"] is not None
 
 
-def test_the_deviating_ego_samples_its_manoeuvres(tmp_path: Path) -> None:
-    (ego,) = DEVIATING.suite(("highway",), DEVIATING.egos, tmp_path, quick=True).egos
-    assert (ego, ego.kind, ego.parameters) == (DEVIATING_EGO, "bat", {"ego.maneuver": "sampled"})
+@pytest.mark.parametrize("ego", CONFLICTING, ids=lambda ego: ego.name)
+def test_the_conflicting_egos_have_parameters_that_the_ego_knows(ego: EgoSetup) -> None:
+    assert configured(ego.kind, "replay", by_place(ego.parameters.items()))["ego"] is not None
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS.values(), ids=lambda experiment: experiment.name)
+def test_replay_is_a_row_of_every_table(experiment: Experiment) -> None:
+    assert experiment.policies[0] == "replay"
+
+
+def test_recorded_roads_are_missing_without_their_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LITSIM_DATA", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert (missing("real"), missing("highway")) == ("", "")
+    assert "examples/streets/windows.py is not in this folder" in missing("streets")
+    monkeypatch.delenv("LITSIM_DATA")
+    assert "LITSIM_DATA is not set" in missing("real") and "LITSIM_DATA is not set" in missing("streets")
 
 
 def test_the_changes_together_are_the_papers_configuration() -> None:
-    ours, *taken_back, paper = CHANGED.policies
+    _, ours, *taken_back, paper = CHANGED.policies
     assert (ours, paper) == ("litsim", "paper")
     parameters = [setup_of(row).parameters for row in taken_back]
     together = {name: value for each in parameters for name, value in each.items()}
@@ -56,8 +70,8 @@ def test_the_ablation_differs_from_the_papers_configuration_in_what_it_ablates()
 def test_quick_roads_are_short_and_have_seeds(tmp_path: Path) -> None:
     cases = roads(("highway", "urban"), tmp_path, quick=True)
     assert {name: [entry.seed for entry in entries] for name, entries in cases.items()} == {
-        "highway": [0, 1],
-        "urban": [0, 1],
+        "highway": [PAPER[0], PAPER[1]],
+        "urban": [PAPER[0], PAPER[1]],
     }
     for name, entries in cases.items():
         for entry in entries:

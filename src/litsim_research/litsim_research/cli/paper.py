@@ -8,24 +8,20 @@ from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 
-from litsim_eval.analysis.measure import Metrics
 from litsim_eval.campaign.results import Campaign, read_campaign
-from litsim_eval.campaign.suite import CAMPAIGN_FILE, Suite
-from litsim_research.paper import claims, tables
+from litsim_eval.campaign.suite import CAMPAIGN_FILE, EgoSetup, Suite
+from litsim_research.paper import claims, goals, tables
 from litsim_research.paper.experiments import (
     ABLATIONS,
-    DEVIATING,
+    CHANGED,
     EXPERIMENTS,
     OURS,
     PAPER_EGO,
-    PAPER_SETUP,
-    REGIONS,
     TABLE,
     Experiment,
 )
-from litsim_research.paper.measures import Key
 from litsim_research.paper.page import fill
-from litsim_research.paper.roads import REAL, SETS
+from litsim_research.paper.roads import REAL, SETS, missing
 from litsim_research.paper.running import carried_out
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
@@ -39,20 +35,18 @@ FIGURES = "figures"
 ALL = "all"
 GOALS = "goals"
 CLAIMS = "claims"
-SHOWN = (GOALS, TABLE.name, REGIONS.name, DEVIATING.name, ABLATIONS.name, CLAIMS)
+SHOWN = (GOALS, TABLE.name, ABLATIONS.name, CHANGED.name, CLAIMS)
 """Tables that a page shows in short; all of them are CSV files beside it."""
 CAPTIONS = {
-    "contacts_by_fault": "Contacts that are not in the log, by fault; by ego, all sets together.",
-    "ade_over_time": "ADE up to each horizon, paired over the agents that any method drives; by ego and set.",
-    "takeovers": "Time off the log, and distance from it at release; all egos, all sets.",
-    "realism": "Realism of the agents near the ego's log, by set, with the spread over seeds; ego `bat`.",
+    "contacts_by_fault": "Contacts that are not in the log, by fault; egos `brake` and `lane_change`.",
     "case_lane_change": "An ego changes lane, unlike its log, on US-101: replay above, LitSim below.",
     "case_left_turn": "An unprotected left turn on the generated street: replay above, LitSim below.",
 }
 EPILOG = (
     "If interrupted, the same command resumes. 'claims' counts in how many tables of 'table' and 'ablation' each claim "
     "of the paper holds; 'figures' draws the runs of 'table'; 'cases' runs and draws the two case studies; 'all' does "
-    "everything. The real window needs LITSIM_DATA; without it, it is left out with a note."
+    "everything. Recorded roads need LITSIM_DATA, and the repository's root as folder; without them, they are left out "
+    "with a note."
 )
 
 
@@ -81,8 +75,7 @@ def parser() -> argparse.ArgumentParser:
 
 def short_table(experiment: Experiment, records: Sequence[tables.Row]) -> list[str]:
     """Returns lines of the table that stands for the `records` of `experiment` on a page."""
-    short = [row for row in records if row.ego in experiment.short_egos] or records
-    return tables.summary(short, counts_alone=experiment.counts_alone)
+    return tables.summary(records, counts_alone=experiment.counts_alone)
 
 
 class Work:
@@ -102,12 +95,18 @@ class Work:
     def experiment(self, experiment: Experiment) -> None:
         """Run `experiment`, and write its tables."""
         campaign = self._campaign(experiment)
-        egos = self._egos(experiment)
-        records = _rows(campaign, experiment, egos, self._sets if experiment.by_set else (None,))
+        egos = [ego.name for ego in self._egos(experiment)]
+        records = _rows(campaign, experiment, egos, self._sets if experiment.by_set else ())
         self._write(experiment.name, records, short_table(experiment, records))
         if experiment.aimed:
-            reached = [row for ego in egos for row in tables.goals(tables.methods_of(campaign, ego, None), ego)]
-            self._write(GOALS, reached, tables.goals_table(reached))
+            groups: list[tuple[str, str | None]] = [(tables.CONFLICTING_EGOS, name) for name in self._sets]
+            groups += [(PAPER_EGO, None)] if PAPER_EGO in egos else []
+            reached = [
+                row
+                for ego, name in groups
+                for row in goals.goals(tables.methods_of(campaign, _named(ego, egos), name), ego, name)
+            ]
+            self._write(GOALS, reached, goals.goals_table(reached))
 
     def claims(self) -> None:
         """Write in how many of the existing tables the paper's claims hold.
@@ -124,25 +123,13 @@ class Work:
         self._write(CLAIMS, records, claims.claims_table(records))
 
     def figures(self) -> None:
-        """Draw the figures of the table's campaign."""
+        """Draw the contacts of the table's campaign."""
         from litsim_research.paper import figures  # matplotlib takes half a second to load
 
         campaign = self._campaign(TABLE)
-        egos = self._egos(TABLE)
-        together = {ego: tables.methods_of(campaign, ego, None) for ego in egos}
-        by_set = {ego: {name: tables.methods_of(campaign, ego, name) for name in self._sets} for ego in egos}
-        every_ego: dict[str, dict[Key, Metrics | None]] = {}
-        for methods in together.values():
-            for name, runs in methods.items():
-                every_ego.setdefault(name, {}).update(runs)
-        canvases = {
-            "contacts_by_fault": figures.contacts_by_fault(together),
-            "ade_over_time": figures.ade_over_time(by_set),
-            "takeovers": figures.takeovers(every_ego, (OURS, PAPER_SETUP)),
-            "realism": figures.realism(by_set[egos[0]]),
-        }
-        for name, canvas in canvases.items():
-            figures.save(canvas, self._images, name)
+        egos = _named(tables.CONFLICTING_EGOS, [ego.name for ego in self._egos(TABLE)])
+        by_set = {tables.SET_NAMES[name]: tables.methods_of(campaign, egos, name) for name in self._sets}
+        figures.save(figures.contacts_by_fault(by_set), self._images, "contacts_by_fault")
         print(f"figures: {self._images}")
         self._show()
 
@@ -205,10 +192,9 @@ class Work:
         arguments = self._arguments
         return carried_out(suite, self._out / name, arguments.processes, overwrite=arguments.overwrite)
 
-    def _egos(self, experiment: Experiment) -> tuple[str, ...]:
-        chosen: Sequence[str] | None = self._arguments.ego
-        if chosen and not experiment.own_egos:
-            return tuple(chosen)
+    def _egos(self, experiment: Experiment) -> tuple[EgoSetup, ...]:
+        if chosen := self._arguments.ego:
+            return tuple(EgoSetup(name=ego, kind=ego) for ego in chosen)
         return experiment.egos[:1] if self._arguments.quick else experiment.egos
 
     def _folders(self) -> tuple[Path, ...]:
@@ -226,30 +212,35 @@ class Work:
 
 
 def _available(sets: Sequence[str]) -> tuple[str, ...]:
-    """Returns the `sets` with available data.
+    """Returns the `sets` whose data are there.
 
     Raises:
         InputError: there are none.
     """
-    available = tuple(name for name in sets if name != REAL or os.environ.get("LITSIM_DATA"))
+    lacking = {name: why for name in sets if (why := missing(name))}
+    available = tuple(name for name in sets if name not in lacking)
     if not available:
-        raise InputError("--sets real: LITSIM_DATA is not set, expected a folder of recorded data")
-    if len(available) < len(sets):
-        print("real: left out, since LITSIM_DATA is not set to a folder of recorded data")
+        raise InputError("--sets " + "; ".join(f"{name}: {why}" for name, why in lacking.items()))
+    for name, why in lacking.items():
+        print(f"{name}: left out, since {why}")
     return available
 
 
-def _rows(
-    campaign: Campaign, experiment: Experiment, egos: Sequence[str], sets: Sequence[str | None]
-) -> list[tables.Row]:
-    """Returns the rows of an experiment's table: all methods for each ego and set; None means all sets together."""
-    records: list[tables.Row] = []
-    for ego in egos:
-        for tag in sets:
-            records += tables.rows(tables.methods_of(campaign, ego, tag), ego, tag)
-        if ego == PAPER_EGO:
-            records += tables.published_rows(ego, experiment.published)
-    return records
+def _named(ego: str, egos: Sequence[str]) -> list[str]:
+    """Returns those of `egos` that a table calls `ego`."""
+    return [name for name in egos if name != PAPER_EGO] if ego == tables.CONFLICTING_EGOS else [ego]
+
+
+def _rows(campaign: Campaign, experiment: Experiment, egos: Sequence[str], sets: Sequence[str]) -> list[tables.Row]:
+    """Returns the rows of an experiment: for each ego on each of the `sets`, then for egos and sets together."""
+    groups: list[tuple[str, str | None]] = [(ego, name) for ego in egos for name in sets]
+    groups += [(tables.CONFLICTING_EGOS, name) for name in (*sets, None)]
+    records = [
+        row
+        for ego, name in groups
+        for row in tables.rows(tables.methods_of(campaign, _named(ego, egos), name), ego, name)
+    ]
+    return records + tables.published_rows(tables.CONFLICTING_EGOS, experiment.published)
 
 
 @program

@@ -13,21 +13,24 @@ from litsim_research.paper import published
 from litsim_research.paper.roads import roads
 from litsim_sim.scenario.policies import REPLAY, PolicySetup, setup_of
 
-BASELINES = ("idm", "gail", "rail", "simnet")
-"""Policies of :mod:`litsim_research.baselines`, in the order of the paper's tables."""
+BASELINES = ("idm", "gail", "rail", "simnet", "rollout")
+"""Policies of :mod:`litsim_research.baselines`, in the order of the tables."""
 OURS = "litsim"
 PAPER_SETUP = "paper"
 PAPER_EGO = "bat"
-EGOS = (PAPER_EGO, "idm", "perturbed")
-DEVIATING_EGO = EgoSetup(name="bat_sampled", kind=PAPER_EGO, parameters={"ego.maneuver": "sampled"})
-"""The paper's ego where it does what it thinks possible, and not only what is most probable."""
+CONFLICTING = (
+    EgoSetup(
+        name="brake",
+        kind="perturbed",
+        parameters={"ego.kind": "brake", "ego.deceleration": 4.0, "ego.duration": 4.0},
+    ),
+    EgoSetup(name="lane_change", kind="perturbed", parameters={"ego.kind": "lane_change"}),
+)
+"""Egos that leave their logs so that replayed traffic runs into them, which it hardly ever does with the paper's."""
+EGOS = (*CONFLICTING, EgoSetup(name=PAPER_EGO, kind=PAPER_EGO))
 JUDGED = Criteria.model_validate({"runs": [{"name": "reactive", "field": "reactive", "equals": True}]})
 
 Policy = str | PolicySetup
-
-
-def _row(name: str, kind: str, **parameters: Any) -> PolicySetup:
-    return PolicySetup(name=name, kind=kind, parameters={k.replace("__", "."): v for k, v in parameters.items()})
 
 
 def _of_paper(name: str, kind: str = OURS, parameters: Mapping[str, Any] | None = None) -> PolicySetup:
@@ -49,12 +52,14 @@ ABLATION: tuple[Policy, ...] = (
 `PAPER_SETUP`."""
 
 
-IN_REGION: dict[str, dict[str, Any]] = {
-    "{}": {},
-    "{}, conflict": {"conflict__baselines": "conflict", "predictor__forecast_all": True},
-    "{}, all": {"conflict__baselines": "all"},
-}
-"""Parameters by the row of a baseline: everybody near the ego, the agents that LitSim would take over, everybody."""
+def in_conflict(baseline: str) -> str:
+    """Returns the name of the row in which a baseline drives the agents that LitSim would take over."""
+    return f"{baseline}, conflict"
+
+
+IN_CONFLICT: Mapping[str, Any] = {"conflict.baselines": "conflict", "predictor.forecast_all": True}
+DRIVEN_BY_BASELINES = tuple(name for base in BASELINES for name in (base, in_conflict(base)))
+"""Rows of the baselines: each drives everybody near the ego, or the agents that LitSim would take over."""
 
 
 CHANGES = {
@@ -96,27 +101,23 @@ class Experiment:
         name: name of the command and of the campaign's folder.
         description: the question that it answers.
         policies: the rows.
-        egos: drivers of the ego, with a table each.
-        own_egos: whether other egos cannot be requested.
-        by_set: whether each set of roads has its own tables; otherwise they cover all sets together.
+        egos: drivers of the ego.
+        by_set: whether there is a table for each ego on each set of roads, beside that of all of them together.
         aimed: whether the goals are reported.
         counts_alone: whether its short table has contacts, takeovers and hard brakes only.
-        short_egos: those of `egos` that its short table has, if they were run; empty: all.
-        published: the paper's figures, shown with the runs of its ego.
+        published: the paper's figures, shown below the runs.
     """
 
     name: str
     description: str
     policies: tuple[Policy, ...]
-    egos: tuple[str, ...]
-    own_egos: bool = False
+    egos: tuple[EgoSetup, ...]
     by_set: bool = True
     aimed: bool = False
     counts_alone: bool = False
-    short_egos: tuple[str, ...] = ()
     published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
-    def suite(self, sets: tuple[str, ...], egos: tuple[str, ...], folder: Path, *, quick: bool) -> Suite:
+    def suite(self, sets: tuple[str, ...], egos: tuple[EgoSetup, ...], folder: Path, *, quick: bool) -> Suite:
         """Returns the campaign on the `sets` of roads with `egos`; scenarios generated for it go to `folder`.
 
         Raises:
@@ -127,7 +128,7 @@ class Experiment:
             name=self.name,
             description=self.description,
             cases=[entry for entries in cases.values() for entry in entries],
-            egos=[DEVIATING_EGO if ego == DEVIATING_EGO.name else EgoSetup(name=ego, kind=ego) for ego in egos],
+            egos=list(egos),
             policies=list(self.policies),
             criteria=JUDGED,
         )
@@ -136,46 +137,33 @@ class Experiment:
 TABLE = Experiment(
     name="table",
     description="Table II: pure replay, the baselines, ours, and ours as the paper configures it.",
-    policies=(REPLAY, *BASELINES, OURS, PAPER_SETUP),
+    policies=(
+        REPLAY,
+        *(
+            row
+            for base in BASELINES
+            for row in (base, PolicySetup(name=in_conflict(base), kind=base, parameters=dict(IN_CONFLICT)))
+        ),
+        OURS,
+        PAPER_SETUP,
+    ),
     egos=EGOS,
     aimed=True,
-    short_egos=EGOS[:2],
     published=published.TABLE,
 )
 ABLATIONS = Experiment(
     name="ablation",
-    description="M0, M1, M2 and M* of the ablation study, as the paper configures them, and ours.",
-    policies=ABLATION,
-    egos=EGOS,
+    description="M0, M1, M2 and M* of the ablation study, as the paper configures them, replay, and ours.",
+    policies=(REPLAY, *ABLATION),
+    egos=CONFLICTING,
     published=published.ABLATION,
 )
 CHANGED = Experiment(
     name="changes",
     description="Ours with one of its changes at a time taken back to what the paper does.",
-    policies=(OURS, *_taken_back(), PAPER_SETUP),
-    egos=EGOS[1:],
+    policies=(REPLAY, OURS, *_taken_back(), PAPER_SETUP),
+    egos=CONFLICTING,
     by_set=False,
-)
-"""Without the paper's ego, which causes hardly any takeovers, so that changes would have no effect."""
-
-REGIONS = Experiment(
-    name="regions",
-    description="Each baseline, driving everybody near the ego, whom LitSim would take over, or everybody.",
-    policies=(
-        REPLAY,
-        *(_row(name.format(base), base, **chosen) for base in BASELINES for name, chosen in IN_REGION.items()),
-        OURS,
-    ),
-    egos=("idm",),
-    own_egos=True,
     counts_alone=True,
 )
-DEVIATING = Experiment(
-    name="deviating",
-    description="The paper's ego with sampled manoeuvres, which lead it away from its log.",
-    policies=(REPLAY, "idm", OURS, PAPER_SETUP),
-    egos=(DEVIATING_EGO.name,),
-    own_egos=True,
-    counts_alone=True,
-)
-EXPERIMENTS = {experiment.name: experiment for experiment in (TABLE, ABLATIONS, CHANGED, REGIONS, DEVIATING)}
+EXPERIMENTS = {experiment.name: experiment for experiment in (TABLE, ABLATIONS, CHANGED)}

@@ -84,6 +84,7 @@ SHARES: dict[str, Callable[[Metrics], bool]] = {
 """Shares of all runs, by key; a failed run counts as false."""
 
 COUNTS: dict[str, Callable[[Metrics], int]] = {
+    "colliding": lambda m: int(not m["reactive"]),
     "fault_background": lambda m: m["collision"]["by_fault"]["background"],
     "fault_ego_avoidable": lambda m: m["collision"]["by_fault"]["ego_avoidable"],
     "fault_ego": lambda m: m["collision"]["by_fault"]["ego_unavoidable"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 from litsim_eval.analysis.measure import Metrics
 from litsim_eval.analysis.measures.displacement import HORIZONS_S
 from litsim_eval.campaign.results import Campaign, RunResult
-from litsim_research.paper.experiments import BASELINES, OURS
+from litsim_research.paper.experiments import OURS
 from litsim_research.paper.measures import (
     COUNTS,
     Key,
@@ -25,7 +25,7 @@ from litsim_research.paper.measures import (
     run_parts,
 )
 from litsim_research.paper.published import OTHER_DATA
-from litsim_research.paper.roads import HIGHWAY, REAL, URBAN
+from litsim_research.paper.roads import HIGHWAY, REAL, STREETS, URBAN
 from litsim_sim.io.files import replacing
 from litsim_sim.scenario.policies import REPLAY
 
@@ -37,7 +37,15 @@ ALL_SETS = "all"
 PUBLISHED = "paper"
 """Sets of rows that are of all sets together, and of the paper's own figures on other data."""
 
-SET_NAMES = {REAL: "real window", HIGHWAY: "motorway", URBAN: "street"}
+SET_NAMES = {
+    REAL: "US-101",
+    STREETS: "Lankershim, Peachtree",
+    HIGHWAY: "generated motorway",
+    URBAN: "generated street",
+    ALL_SETS: "all roads",
+}
+CONFLICTING_EGOS = "conflicting"
+"""Ego of rows that are of all of :data:`.experiments.CONFLICTING` together."""
 
 Methods = Mapping[str, Mapping[Key, Metrics | None]]
 
@@ -46,7 +54,7 @@ class Row(NamedTuple):
     """One measure of one method, as the texts of the cells of a CSV file.
 
     Attributes:
-        ego: driver of the ego.
+        ego: driver of the ego, or :data:`CONFLICTING_EGOS`.
         set: set of roads, :data:`ALL_SETS` or :data:`PUBLISHED`.
         method: row of the paper's table.
         measure: key of a :class:`Measure`, or of :data:`.measures.COUNTS`.
@@ -74,24 +82,6 @@ class Row(NamedTuple):
     failed: str = ""
 
 
-class GoalRow(NamedTuple):
-    """What became of a goal with one ego, over all sets together.
-
-    Attributes:
-        ego: driver of the ego.
-        goal: its text.
-        litsim: LitSim's value.
-        best: the best value of the baselines.
-        met: `yes`, `no` or `not measured`.
-    """
-
-    ego: str
-    goal: str
-    litsim: str
-    best: str
-    met: str
-
-
 class ClaimRow(NamedTuple):
     """In how many tables, one for each ego and set of roads, a claim holds.
 
@@ -99,13 +89,11 @@ class ClaimRow(NamedTuple):
         claim: its text.
         litsim, paper: `HELD of TOLD`, where LitSim has its defaults or the paper's configuration; `-` where no table
             tells.
-        remark: why it holds or not.
     """
 
     claim: str
     litsim: str
     paper: str
-    remark: str
 
 
 @dataclass(frozen=True)
@@ -160,45 +148,27 @@ BESIDE = (
 """Further columns, by LitSim's definitions where they differ from the paper's."""
 
 
-@dataclass(frozen=True)
-class Goal:
-    """A goal of LitSim against the baselines.
-
-    Attributes:
-        text: the goal in words.
-        measure: the measure concerned.
-        met: whether it is met, given LitSim's value and the best of the baselines.
-    """
-
-    text: str
-    measure: Measure
-    met: Callable[[float, float], bool]
-
-
-GOALS = (
-    Goal("collision rate at most half of the best", OF_THE_PAPER[len(ADE)], lambda ours, best: ours <= best / 2),
-    Goal("reactivity at least 97 %", OF_THE_PAPER[len(ADE) + 1], lambda ours, _: ours >= 0.97),
-    Goal("relevant ratio at most a sixth of the best", OF_THE_PAPER[-1], lambda ours, best: ours <= best / 6),
-    Goal("ADE at 25 s lowest", ADE[-1], lambda ours, best: ours < best),
-    Goal("realism highest", BESIDE[-1], lambda ours, best: ours > best),
-)
-"""Goals for LitSim against the best of the baselines, on the same cases."""
-
 MEASURES = (*OF_THE_PAPER, *BESIDE)
-SUMMARY = tuple(measure for measure in MEASURES if measure.key in ("ade_15", "collision", "reactivity", "relevant"))
-SUMMED = {"fault_background": "contacts, background's fault", "takeovers": "takeovers", "hard_brakes": "hard brakes"}
-"""Columns of :func:`summary`: measures by set of roads, and counts summed over the sets."""
+BY_KEY = {measure.key: measure for measure in MEASURES}
+SUMMARY = tuple(BY_KEY[key] for key in ("ade_15", "collision", "reactivity", "relevant"))
+SUMMED = {
+    "colliding": "colliding runs",
+    "fault_background": "contacts, background's fault",
+    "takeovers": "takeovers",
+    "hard_brakes": "hard brakes",
+}
+"""Columns of :func:`summary`: measures, and counts."""
 
 
-R = TypeVar("R", Row, GoalRow, ClaimRow)
+R = TypeVar("R", bound=NamedTuple)
 T = TypeVar("T")
 
 
-def methods_of(campaign: Campaign, ego: str, tag: str | None) -> dict[str, dict[Key, Metrics | None]]:
-    """Returns metrics of the runs of each method with `ego` on the set `tag` (None: all), in the campaign's order."""
+def methods_of(campaign: Campaign, egos: Collection[str], tag: str | None) -> dict[str, dict[Key, Metrics | None]]:
+    """Returns metrics of the runs of each method with `egos` on the set `tag` (None: all), in the campaign's order."""
     by_method: dict[str, list[RunResult]] = {}
     for result in campaign.results:
-        if result.case.ego.name == ego and (tag is None or tag in result.case.tags):
+        if result.case.ego.name in egos and (tag is None or tag in result.case.tags):
             by_method.setdefault(result.case.label or result.case.policy, []).append(result)
     return {name: by_key(results) for name, results in by_method.items()}
 
@@ -251,25 +221,6 @@ def published_rows(ego: str, values: Mapping[str, Mapping[str, float]]) -> list[
     ]
 
 
-def goals(methods: Methods, ego: str) -> list[GoalRow]:
-    """Returns LitSim beside the best baseline, and whether each goal is met; nothing without LitSim or baselines."""
-    rivals = [name for name in BASELINES if name in methods]
-    if OURS not in methods or not rivals:
-        return []
-    parts = parts_of({name: methods[name] for name in (OURS, *rivals)}, [goal.measure for goal in GOALS])
-    records: list[GoalRow] = []
-    for goal in GOALS:
-        mine = figure(parts[goal.measure.key][OURS])
-        theirs = [value.value for name in rivals if (value := figure(parts[goal.measure.key][name]))]
-        if mine is None or not theirs or goal.measure.better is None:
-            records.append(GoalRow(ego, goal.text, NOTHING, NOTHING, "not measured"))
-            continue
-        best = goal.measure.better(theirs)
-        met = "yes" if goal.met(mine.value, best) else "no"
-        records.append(GoalRow(ego, goal.text, goal.measure.text(mine.value), goal.measure.text(best), met))
-    return records
-
-
 def write_csv(path: Path, records: Sequence[R]) -> None:
     """Write `records` to the file `path`, with a line of headings."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -277,57 +228,32 @@ def write_csv(path: Path, records: Sequence[R]) -> None:
         csv.writer(stream, lineterminator="\n").writerows([records[0]._fields, *records])
 
 
-def read_csv(path: Path, kind: type[R]) -> list[R]:
+def read_csv(path: Path, kind: Callable[..., R]) -> list[R]:
     """Returns records that :func:`write_csv` wrote."""
     with path.open(encoding="utf-8", newline="") as stream:
         return [kind(**record) for record in csv.DictReader(stream)]
 
 
 def summary(records: Sequence[Row], *, counts_alone: bool = False) -> list[str]:
-    """Returns lines of a short table: a line for each ego and method, with the sets of roads side by side in a cell.
+    """Returns lines of a short table of the rows of all sets together: a line for each method.
 
-    Clear differences from LitSim are marked; counts are summed over the sets. With `counts_alone`, it has no measures.
+    Clear differences from LitSim are marked. With `counts_alone`, it has no measures.
     """
     measures = () if counts_alone else SUMMARY
-    sets = [name for name in _different(row.set for row in records) if name != PUBLISHED]
-    headings = ["ego", "method", "runs", *(measure.heading for measure in measures), *SUMMED.values()]
+    headings = ["method", "runs", *(measure.heading for measure in measures), *SUMMED.values()]
     cells: list[list[str]] = []
-    for ego, method, published in _different((row.ego, row.method, row.set == PUBLISHED) for row in records):
-        of_method = {
-            (row.set, row.measure): row
-            for row in records
-            if (row.ego, row.method, row.set == PUBLISHED) == (ego, method, published)
-        }
+    told = [row for row in records if row.ego == CONFLICTING_EGOS and row.set in (ALL_SETS, PUBLISHED)]
+    for method, published in _different((row.method, row.set == PUBLISHED) for row in told):
+        of_method = {row.measure: row for row in told if (row.method, row.set == PUBLISHED) == (method, published)}
+        values = [_cell(of_method.get(measure.key), "" if published else NOTHING) for measure in measures]
         if published:
-            values = [_cell(of_method.get((PUBLISHED, measure.key)), "") for measure in measures]
             label = f"{method}: {OTHER_DATA}".replace("*", "\\*")
-            cells.append([f"`{ego}`", label, "", *values, *[""] * len(SUMMED)])
+            cells.append([label, "", *values, *[""] * len(SUMMED)])
             continue
-        values = [", ".join(_cell(of_method.get((tag, measure.key))) for tag in sets) for measure in measures]
-        sums = [str(sum(int(of_method[tag, key].value) for tag in sets)) for key in SUMMED]
-        counts = [of_method[tag, "takeovers"] for tag in sets]
-        runs, failed = (sum(int(getattr(row, name)) for row in counts) for name in ("runs", "failed"))
-        number = f"{runs}, {failed} failed" if failed else str(runs)
-        cells.append([f"`{ego}`", f"`{method}`", number, *values, *sums])
-    lines = markdown(headings, cells, right=len(headings) - 2)
-    names = [SET_NAMES[tag] for tag in sets if tag in SET_NAMES]
-    if len(names) > 1 and measures:
-        lines = [f"Where a cell has several values: {', '.join(names)}.", "", *lines]
-    return lines
-
-
-def goals_table(records: Sequence[GoalRow]) -> list[str]:
-    """Returns lines of a table of goals, with a column for each ego."""
-    egos = _different(row.ego for row in records)
-    by_cell = {(row.goal, row.ego): f"{row.litsim}, {row.best}: {row.met}" for row in records}
-    return [
-        f"Cells: `{OURS}`, the best of the baselines, and whether the goal is met.",
-        "",
-        *markdown(
-            ["goal", *(f"ego `{ego}`" for ego in egos)],
-            [[goal, *(by_cell[goal, ego] for ego in egos)] for goal in _different(row.goal for row in records)],
-        ),
-    ]
+        row = of_method["takeovers"]
+        number = f"{row.runs}, {row.failed} failed" if int(row.failed) else row.runs
+        cells.append([f"`{method}`", number, *values, *(of_method[key].value for key in SUMMED)])
+    return markdown(headings, cells, right=len(headings) - 1)
 
 
 def _different(values: Iterable[T]) -> list[T]:
