@@ -18,6 +18,7 @@ from litsim_sim.kernels.compiled import (
     Ints2,
     OutInts,
     OutInts2,
+    OutSingles,
     OutSingles2,
     OutSingles3,
     Singles,
@@ -32,51 +33,69 @@ LANES_MULTIPLE = 16  # of which the number of lanes is a multiple; those beyond 
 
 
 @kernel
-def find_neighbours(position: Singles2, reach: float, index: OutInts2, many: OutInts) -> None:
-    """Find the nearest neighbours of each of n agents: at most K - 1, the lowest rows first where distances are equal.
+def find_neighbours(position: Singles2, i: int, reach: float, near: OutInts, far: OutSingles) -> int:
+    """Find the nearest neighbours of agent `i` of n: at most K - 1, the lowest rows first where distances are equal.
 
     Args:
         position: (n, 2) [m].
+        i: row of the agent.
         reach: distance within which neighbours are looked for [m].
-        index: (n, K) rows of the agent itself, first, and of its neighbours by distance; undefined from `many` on.
-        many: (n,) number of rows in `index`, the agent included.
+        near: (K,) rows of the agent itself, first, and of its neighbours by distance; undefined beyond the number that
+            is returned.
+        far: (K,) is overwritten.
     """
-    agents, most = index.shape
-    within = float32(reach * reach)
-    far = np.zeros(most, np.float32)
-    for i in range(agents):
-        near = index[i]
-        near[0], used = i, 1
-        for j in range(agents):
-            dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
-            apart = dx * dx + dy * dy
-            if j == i or apart >= within or (used == most and apart >= far[used - 1]):
-                continue
-            used = min(used + 1, most)  # where there are too many, the farthest is dropped
-            at = used - 1
-            while at > 1 and far[at - 1] > apart:
-                far[at], near[at] = far[at - 1], near[at - 1]
-                at -= 1
-            far[at], near[at] = apart, j
-        many[i] = used
+    within, most = float32(reach * reach), len(near)
+    near[0], used = i, 1
+    for j in range(len(position)):
+        dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
+        apart = dx * dx + dy * dy
+        if j == i or apart >= within or (used == most and apart >= far[used - 1]):
+            continue
+        used = min(used + 1, most)  # where there are too many, the farthest is dropped
+        at = used - 1
+        while at > 1 and far[at - 1] > apart:
+            far[at], near[at] = far[at - 1], near[at - 1]
+            at -= 1
+        far[at], near[at] = apart, j
+    return used
 
 
 @kernel
-def relate(
-    position: Singles2, heading: Singles, speed: Singles, index: Ints2, many: Ints, relation: OutSingles3
+def relate_neighbours(
+    frame: Floats2,
+    speed: Singles,
+    begins: Ints,
+    rows: Ints,
+    reach: float,
+    index: OutInts2,
+    many: OutInts,
+    relation: OutSingles3,
 ) -> None:
-    """Write how neighbours lie and move relative to an agent.
+    """Find the nearest neighbours of some of n agents of several scenes, and write their relations to these.
 
     Args:
-        position, heading, speed: (n, 2) [m], (n,) [rad] and (n,) [m/s].
-        index, many: see :func:`find_neighbours`.
+        frame: (n, 3) x, y [m] and heading [rad] of the agent frames.
+        speed: (n,) [m/s].
+        begins: (S,) rows at which the scenes begin.
+        rows: (m,) of the agents whose neighbours are found; of others, what is written is undefined.
+        reach: distance within which neighbours are looked for [m].
+        index: (n, K) rows of the agent itself, first, and of its neighbours; undefined from `many` on.
+        many: (n,) number of rows in `index`, the agent included.
         relation: (n, K, RELATION_CHANNELS); see :data:`.units.RELATION_UNITS`. Undefined where `index` is.
     """
-    agents = len(heading)
-    cos, sin = np.empty(agents, np.float32), np.empty(agents, np.float32)
-    for i in range(agents):
-        cos[i], sin[i] = math.cos(heading[i]), math.sin(heading[i])
-    for i in range(agents):
+    position, far = np.empty((len(frame), 2), np.float32), np.zeros(index.shape[1], np.float32)
+    cos, sin = np.empty(len(frame), np.float32), np.empty(len(frame), np.float32)
+    for scene in range(len(begins)):
+        begin, end = begins[scene], begins[scene + 1] if scene + 1 < len(begins) else len(frame)
+        for i in range(begin, end):  # places relative to the first agent of the scene: single precision is fine there
+            position[i, 0], position[i, 1] = frame[i, 0] - frame[begin, 0], frame[i, 1] - frame[begin, 1]
+            heading = float32(frame[i, 2])
+            cos[i], sin[i] = math.cos(heading), math.sin(heading)
+    for i in rows:
+        scene = np.searchsorted(begins, i, "right")
+        begin, end = begins[scene - 1], begins[scene] if scene < len(begins) else len(frame)
+        many[i] = find_neighbours(position[begin:end], i - begin, reach, index[i], far)
+        index[i] += begin
         for k in range(many[i]):
             j, channels = index[i, k], relation[i, k]
             dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
@@ -86,30 +105,6 @@ def relate(
             channels[5], channels[6], channels[7] = speed[j] - speed[i], speed[j], float32(0.0)
             if abs(left) < float32(0.5 * LANE) and ahead != float32(0.0):
                 channels[7] = float32(1.0) if ahead > float32(0.0) else float32(-1.0)
-
-
-@kernel
-def relate_neighbours(
-    frame: Floats2, speed: Singles, begins: Ints, reach: float, index: OutInts2, many: OutInts, relation: OutSingles3
-) -> None:
-    """Find the nearest neighbours of each of n agents of several scenes, and write their relations to it.
-
-    Args:
-        frame: (n, 3) x, y [m] and heading [rad] of the agent frames.
-        speed: (n,) [m/s].
-        begins: (S,) rows at which the scenes begin.
-        reach, index, many: see :func:`find_neighbours`.
-        relation: see :func:`relate`.
-    """
-    position, heading = np.empty((len(frame), 2), np.float32), np.empty(len(frame), np.float32)
-    for scene in range(len(begins)):
-        begin, end = begins[scene], begins[scene + 1] if scene + 1 < len(begins) else len(frame)
-        for i in range(begin, end):  # places relative to the first agent of the scene: single precision is fine there
-            position[i, 0], position[i, 1] = frame[i, 0] - frame[begin, 0], frame[i, 1] - frame[begin, 1]
-            heading[i] = frame[i, 2]
-        find_neighbours(position[begin:end], reach, index[begin:end], many[begin:end])
-        index[begin:end] += begin
-    relate(position, heading, speed, index, many, relation)
 
 
 @kernel
@@ -271,8 +266,7 @@ def attend(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         query: (m, W) of the agents in the `rows` (m,) of all n.
         key_value: (n, 2 W) keys, then values.
-        index, many: see :func:`find_neighbours`.
-        relation: see :func:`relate`.
+        index, many, relation: see :func:`relate_neighbours`.
         out: (m, W) sums of the neighbours' values, weighted by attention.
         weight, bias: (c, RELATION_CHANNELS) and (c,) of the rectified layer that reads a relation.
         of_key, of_value: (heads, c, W / heads) and (heads, W / heads, c) matrices by which the output of that layer is

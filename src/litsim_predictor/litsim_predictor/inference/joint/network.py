@@ -144,7 +144,7 @@ class HistoryEncoder:
 
 @dataclass
 class Neighbours:
-    """Neighbours of each of n agents; see :func:`.attention_kernels.find_neighbours` and :func:`relate` there."""
+    """Neighbours of some of n agents; see :func:`.attention_kernels.relate_neighbours`."""
 
     index: IntArray
     many: IntArray
@@ -228,19 +228,21 @@ class JointNetwork:
         """See :class:`.contract.NetworkOfScenes`."""
         states = np.concatenate([inputs.state, inputs.traffic], axis=1) if self._traffic else inputs.state
         agents = np.concatenate([self._maps(inputs.raster), self._histories(inputs), self._states(states)], axis=1)
-        near = self._near(inputs, begins)
         everybody = np.arange(len(agents))
+        near = self._near(inputs, begins, everybody if len(self._layers) > 1 else asked)
         for layer in self._layers[:-1]:
             agents = layer(agents, near, everybody)
         return self._decoded(self._layers[-1](agents, near, asked), inputs.state[asked], modes)
 
-    def _near(self, inputs: AgentInputs, begins: IntArray) -> Neighbours:
+    def _near(self, inputs: AgentInputs, begins: IntArray, rows: IntArray) -> Neighbours:
+        """Returns the neighbours of the agents in `rows` (m,)."""
         n = len(inputs.frame)
         most = min(self._neighbours + 1, n)
         near = Neighbours(
             np.empty((n, most), np.int64), np.empty(n, np.int64), np.empty((n, most, RELATION_CHANNELS), np.float32)
         )
-        relate_neighbours(inputs.frame, inputs.state[:, 2], begins, self._reach, near.index, near.many, near.relation)
+        speed, written = inputs.state[:, 2], (near.index, near.many, near.relation)
+        relate_neighbours(inputs.frame, speed, begins, rows, self._reach, *written)
         return near
 
     def _decoded(self, agents: Float32Array, state: Float32Array, modes: int) -> AgentFutures:
