@@ -173,14 +173,14 @@ class ConflictDetector:
     ) -> IntArray:
         """Returns pairs of agents in the region of each other, the first of the mask `of`, the second of `others`.
 
-        One of the two is in the mask `centres`, of agents of which all futures nearby are made; those of `others` where
-        they are expected only if `expected`.
+        Their futures are made, and those of all agents in the mask `centres`; those of `others` where they are expected
+        only if `expected`.
         """
-        roi_m, time = self._roi_m, self.config.approach_time
-        near_centres = in_region_of_any(futures.table.arrays, centres, roi_m, time)
-        futures.cover(near_centres, others if expected else np.zeros_like(others))
-        rows = futures.rows
-        return pairs_in_region(futures.covered.arrays, of[rows], others[rows], roi_m, time)
+        pairs = pairs_in_region(futures.table.arrays, of, others, self._roi_m, self.config.approach_time)
+        covered = centres.copy()
+        covered[pairs] = True
+        futures.cover(covered, others if expected else np.zeros_like(others))
+        return futures.rows.searchsorted(pairs)
 
     def _within_reach(self, futures: Futures, pairs: IntArray, least: float) -> IntArray:
         """Returns the `pairs` that can overlap, with a probability of at least `least` or closing fast."""
@@ -288,21 +288,6 @@ def pairs_in_region(agents: AgentArrays, of: Bools, others: Bools, radius: float
                     pairs[count, 0], pairs[count, 1] = i, j
                     count += 1
     return pairs[:count].copy()
-
-
-@kernel
-def in_region_of_any(agents: AgentArrays, of: Bools, radius: float, time: float) -> Bools:
-    """Return the mask (n,) of agents :func:`in_region` of one in the mask `of` (n,), these included."""
-    x, y, inside, begin, end = agents.x, agents.y, of.copy(), 0, 0
-    vx, vy = agents.speed * np.cos(agents.yaw), agents.speed * np.sin(agents.yaw)
-    for i in range(len(x)):
-        if i == end:
-            begin, end = i, behind_scene(agents.scene, i)
-        if of[i]:
-            for j in range(begin, end):
-                if not inside[j]:
-                    inside[j] = in_region(x[j] - x[i], y[j] - y[i], vx[j] - vx[i], vy[j] - vy[i], radius, time)
-    return inside
 
 
 @kernel

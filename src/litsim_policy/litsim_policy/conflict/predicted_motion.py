@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -29,6 +29,7 @@ class AlternativeMotions:
     valid: BoolArray
 
     @classmethod
+    @cache
     def none(cls, steps: int = 0) -> AlternativeMotions:
         """Return no alternative motions, for futures of T = `steps`."""
         return cls(np.empty(0, np.int64), np.empty(0), np.empty((0, steps, 6)), np.empty((0, steps), np.bool_))
