@@ -35,7 +35,7 @@ from litsim_policy.motion.speed_change import (
     packaged_speed_change,
 )
 from litsim_sim.core.pair_geometry import behind_scene
-from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, Controller, FloatArray, IntArray
 from litsim_sim.core.takeover import TakeoverReason
 from litsim_sim.kernels.compiled import Bools, Bools2, Floats, Floats2, Ints, OutFloats2, kernel
 from litsim_sim.scenario.log import Log
@@ -43,6 +43,7 @@ from litsim_sim.scenario.log import Log
 LOOK = round(LOOK_S / STEP_S)
 AHEAD = 20  # [steps] on the log, at which an agent whose log is unlikely has its goal
 SMOOTHING = 2  # [steps] before and after, over which the speeds of logs are averaged: recorded speeds are noisy
+LOG = int(Controller.LOG)
 SAME_POSITION, SAME_SPEED = 0.5, 0.5  # [m], [m/s] deviations up to which an agent is where its log is
 
 
@@ -75,18 +76,16 @@ class Judged(NamedTuple):
     Attributes:
         which: (n,) whether it is.
         log_row: (n,) of the agent in the log.
-        step: (n,) present step of its log.
-        lagged: (n,) whether its log lags, so that it does not know who is ahead.
-        driven: (n,) whether it is off its log: its present speed counts in place of that of its log.
-        changed: (n,) whether it is off its log and not where it was recorded.
+        lag: (n,) steps by which its log lags, so that it does not know who is ahead; 0 for none.
+        step: present one.
+        elapsed: since the table before [s].
     """
 
     which: Bools
     log_row: Ints
-    step: Ints
-    lagged: Bools
-    driven: Bools
-    changed: Bools
+    lag: Ints
+    step: int
+    elapsed: float
 
 
 @dataclass
@@ -115,29 +114,15 @@ class LogLikelihood:
 
         They are judged behind leaders that are not where they were recorded; those with a lag behind any.
         """
-        log, recorded, off_log = self.log, as_recorded(self.log, table), table.off_log
-        log_row = log.ids.searchsorted(table.id)
-        step = np.minimum(table.step - lag, log.last_step[log_row])
-        which = judged & (step >= log.first_step[log_row])
-        agents = table.arrays._replace(acceleration=self._accelerations(table))
-        whose = Judged(which, log_row, step, lag > 0, off_log, off_log & ~recorded)
-        ratio, leader = _log_ratios(whose, agents, self._habits.columns, self._habits.seen, self._then, self.density)
+        before, log_row = self._past[0], self.log.ids.searchsorted(table.id)
+        whose = Judged(judged, log_row, lag, table.step, (table.step - before.step) * STEP_S)
+        scene, habits = (table.arrays, before.arrays), self._habits
+        ratio, leader, recorded = _log_ratios(whose, *scene, habits.columns, habits.seen, self._then, self.density)
         return LogRatios(ratio, leader, lag, recorded)
-
-    def _accelerations(self, table: AgentTable) -> FloatArray:
-        """Returns accelerations (n,) [m/s2] over the last BACK steps; those of the step where an agent is new."""
-        before = self._past[0]
-        rows, elapsed = before.rows(table.id), (table.step - before.step) * STEP_S
-        acceleration, seen = table.acceleration.copy(), rows >= 0
-        if elapsed > 0.0:
-            acceleration[seen] = (table.speed[seen] - before.speed[rows[seen]]) / elapsed
-        return acceleration
 
 
 def as_recorded(log: Log, table: AgentTable) -> BoolArray:
     """Returns the mask (n,) of agents that are where their logs are at this step, without a lag."""
-    if table.step >= log.steps:
-        return np.zeros(len(table), np.bool_)
     return _as_recorded((log.x, log.y, log.speed, log.valid), table.arrays, log.ids.searchsorted(table.id), table.step)
 
 
@@ -174,12 +159,22 @@ def with_changed(conflicts: list[Conflict], ratios: LogRatios, table: AgentTable
 @kernel
 def _as_recorded(log: tuple[Floats2, Floats2, Floats2, Bools2], agents: AgentArrays, rows: Ints, step: int) -> Bools:
     """See :func:`as_recorded`; of the log x, y [m], speed [m/s] and validity (N, S), in which agents are in `rows`."""
-    (x, y, speed, valid), recorded = log, np.empty(len(rows), np.bool_)
+    (x, y, speed, valid), recorded = log, np.zeros(len(rows), np.bool_)
     for i in range(len(rows)):
-        place = rows[i], step
-        apart = math.hypot(agents.x[i] - x[place], agents.y[i] - y[place])
-        recorded[i] = valid[place] and apart <= SAME_POSITION and abs(agents.speed[i] - speed[place]) <= SAME_SPEED
+        if step < x.shape[1] and valid[rows[i], step]:
+            place = rows[i], step
+            apart = math.hypot(agents.x[i] - x[place], agents.y[i] - y[place])
+            recorded[i] = apart <= SAME_POSITION and abs(agents.speed[i] - speed[place]) <= SAME_SPEED
     return recorded
+
+
+@kernel
+def _acceleration(agents: AgentArrays, row: int, before: AgentArrays, elapsed: float) -> float:
+    """Returns the acceleration [m/s2] of the agent in `row` since the table `before`; that of the step if it is new."""
+    earlier = np.searchsorted(before.id, agents.id[row])
+    if elapsed > 0.0 and earlier < len(before.id) and before.id[earlier] == agents.id[row]:
+        return (agents.speed[row] - before.speed[earlier]) / elapsed
+    return agents.acceleration[row]
 
 
 @kernel
@@ -227,37 +222,53 @@ def _log_chance_of_plan(
 
 @kernel
 def _log_ratios(
-    judged: Judged, agents: AgentArrays, log: LogColumns, habits: OutFloats2, then: OutFloats2, density: SpeedChange
-) -> tuple[Floats, Ints]:
-    """See :meth:`LogLikelihood.at`.
+    judged: Judged,
+    agents: AgentArrays,
+    before: AgentArrays,
+    log: LogColumns,
+    habits: OutFloats2,
+    then: OutFloats2,
+    density: SpeedChange,
+) -> tuple[Floats, Ints, Bools]:
+    """See :meth:`LogLikelihood.at`; returns ratios (n,), leaders (n,) and who is where its log is (n,).
 
-    Agents that none of the changed ones could lead, even if nobody else were there, are passed over. `then` (n, 2) are
-    by row of the log the step of the last judgement, and the log-probability in the recorded scene: a log that waits
-    for its agent, at the same step again, needs no second one.
+    An agent that is off its log is judged by its present speed in place of that of its log. Agents that none of those
+    could lead that are off their logs and not where they were recorded, even if nobody else were there, are passed
+    over. `before` are the agents BACK steps ago. `then` (n, 2) are by row of the log the step of the last judgement,
+    and the log-probability in the recorded scene: a log that waits for its agent, at the same step again, needs no
+    second one.
     """
     ratio, leaders = np.zeros(len(agents.x)), np.full(len(agents.x), -1, np.int64)
-    changed, end, way = judged.changed.nonzero()[0], 0, np.empty((VERTICES, 5))
+    driven = agents.controller != LOG
+    recorded = _as_recorded((log.x, log.y, log.speed, log.valid), agents, judged.log_row, judged.step)
+    is_changed = driven & ~recorded
+    changed, end, way = is_changed.nonzero()[0], 0, np.empty((VERTICES, 5))
     scene = changed_here = np.arange(0)
     for i in range(len(agents.x)):
         if i == end:
             end = behind_scene(agents.scene, i)
             scene, changed_here = np.arange(i, end), changed[(changed >= i) & (changed < end)]
-        row, step, lagged = judged.log_row[i], judged.step[i], judged.lagged[i]
-        if not (judged.which[i] and (lagged or _may_be_led(agents, i, changed_here))):
+        row, lagged = judged.log_row[i], judged.lag[i] > 0
+        step = min(judged.step - judged.lag[i], log.last_step[row])
+        if not (judged.which[i] and step >= log.first_step[row]):
+            continue
+        if not (lagged or _may_be_led(agents, i, changed_here)):
             continue
         count = lay_way(log, row, step, way)
         if not lagged and leader_now(way, count, agents, i, changed_here).row < 0:
             continue
         leader = leader_now(way, count, agents, i, scene)
-        if leader.row < 0 or not (lagged or judged.changed[leader.row]):
+        if leader.row < 0 or not (lagged or is_changed[leader.row]):
             continue
+        acceleration = _acceleration(agents, leader.row, before, judged.elapsed)
+        leader = Leader(leader.row, leader.gap, leader.speed, acceleration)
         again = then[row, 0] == step
-        recorded = leader if again else logged_leader(way, count, log, row, step)
+        recorded_leader = leader if again else logged_leader(way, count, log, row, step)
         usual = usual_headway(log, row, step, habits, way)
         planned = _planned_speed(log, row, step)
-        speed = agents.speed[i] if judged.driven[i] else planned
-        now = _log_chance_of_plan(log, row, step, speed, leader, usual, density)
+        now = _log_chance_of_plan(log, row, step, agents.speed[i] if driven[i] else planned, leader, usual, density)
         if not again:
-            then[row, 0], then[row, 1] = step, _log_chance_of_plan(log, row, step, planned, recorded, usual, density)
+            chance = _log_chance_of_plan(log, row, step, planned, recorded_leader, usual, density)
+            then[row, 0], then[row, 1] = step, chance
         ratio[i], leaders[i] = now - then[row, 1], leader.row
-    return ratio, leaders
+    return ratio, leaders, recorded
