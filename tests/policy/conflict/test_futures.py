@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.futures import Futures, PlannedPaths, follow_logs, hold_back, interpolate, planned_motion
+from litsim_policy.conflict.futures import Futures, PlannedPaths, follow_logs, go_as_planned, hold_back, interpolate
 from litsim_policy.conflict.predicted_motion import XX, XY, YAW, PredictedMotion, X, Y
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_predictor.forecast import Forecast, Modes
@@ -177,10 +177,11 @@ def test_some_agents_futures_are_replaced_by_others() -> None:
 def go_on(agent_table, path: np.ndarray, *, forecast: float | None = None, fresh: bool = False, **agent: float):
     """Motion of agent 7, which is on `path`, where the forecast has it at a speed [m/s], or knows nothing of it."""
     table = agent_table(3, {"id": 2, "x": 50.0}, {"id": 7, **agent})
-    states, valid = np.zeros((1, STEPS, 6)), np.full((1, STEPS), forecast is not None)
-    states[0, :, 0], states[0, :, 1] = table.x[1] + (forecast or 0.0) * TIME, table.y[1]
-    planned = PlannedPaths(np.array([1]), PathBatch.of([path]), np.array([fresh]))
-    return planned_motion(planned, table, PredictedMotion(states, valid), 1.0)
+    states, valid = np.zeros((2, STEPS, 6)), np.full((2, STEPS), forecast is not None)
+    states[1, :, 0], states[1, :, 1] = table.x[1] + (forecast or 0.0) * TIME, table.y[1]
+    go_as_planned(PathBatch.of([path]), np.array([1]), np.array([fresh]), table.arrays, 1.0, states, valid)
+    assert not states[0].any()
+    return PredictedMotion(states[1:], valid[1:])
 
 
 def test_it_keeps_its_braking_for_a_while_and_comes_to_its_path(agent_table) -> None:

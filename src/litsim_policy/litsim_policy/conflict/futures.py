@@ -19,7 +19,7 @@ from litsim_policy.motion.along_path import Poses
 from litsim_policy.motion.path_batch import PathBatch, nearest, place_at
 from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.pair_geometry import wrapped
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import (
     Bools,
     Bools2,
@@ -27,7 +27,9 @@ from litsim_sim.kernels.compiled import (
     Floats2,
     Floats3,
     Ints,
+    OutBools2,
     OutFloats2,
+    OutFloats3,
     Singles2,
     Singles3,
     kernel,
@@ -74,7 +76,7 @@ class Boxes(NamedTuple):
 
 @dataclass
 class PlannedPaths:
-    """The agents under control at a step, rows ascending, and their paths; see :func:`planned_motion`.
+    """The agents under control at a step, rows ascending, and their paths; see :func:`go_as_planned`.
 
     Attributes:
         rows: (r,) in the table.
@@ -199,11 +201,10 @@ class Futures:
             planned = self._planned(asked & ~self._keep_to_log).moved_to(self.rows)
             forecast_rows[planned.rows] = -1  # they have no other manoeuvres
         alternatives = self._alternatives(forecast_rows, hard)
-        if planned is not None and len(planned.rows):
-            rows = planned.rows
-            by_forecast = PredictedMotion(states[rows], valid[rows])
-            motion = planned_motion(planned, table, by_forecast, self._config.sigma_scale)
-            states[rows], valid[rows] = motion.states, motion.valid
+        if planned is not None:
+            go_as_planned(
+                planned.paths, planned.rows, planned.fresh, table.arrays, self._config.sigma_scale, states, valid
+            )
         motions = PredictedMotion(states, valid, alternatives)
         motions.put(keep_to_log, self.by_log)
         return motions
@@ -263,20 +264,6 @@ class Futures:
         table = self.covered
         speed, braking = table.speed[row], -table.acceleration[row]
         hold_back(states, table.x[row], table.y[row], speed, braking, self._config.braking_time)
-
-
-def planned_motion(
-    planned: PlannedPaths, table: AgentTable, forecast: PredictedMotion, sigma_scale: float
-) -> PredictedMotion:
-    """Returns the motion of the agents (r,) of `planned` along their reference paths; it has one mode.
-
-    The `forecast` (r,) of these agents is ignored where it is not valid. The motion of a fresh agent is valid only
-    where its forecast is. Standard deviations are multiplied by `sigma_scale`.
-    """
-    rows, fresh = planned.rows, planned.fresh
-    now = (table.x[rows], table.y[rows], table.speed[rows], table.acceleration[rows])
-    states = _along_paths(planned.paths, now, (forecast.states, forecast.valid), fresh, sigma_scale)
-    return PredictedMotion(states, forecast.valid | ~fresh[:, None])
 
 
 @kernel
@@ -404,39 +391,42 @@ def _gone(speed: float, acceleration: float, hold: float, time: float) -> float:
 
 
 @kernel
-def _along_paths(
+def go_as_planned(
     paths: PathBatch,
-    now: tuple[Floats, Floats, Floats, Floats],
-    forecast: tuple[Floats3, Bools2],
+    rows: Ints,
     fresh: Bools,
+    agents: AgentArrays,
     sigma_scale: float,
-) -> Floats3:
-    """Return `states` (r, T, 6); see :func:`planned_motion`.
+    states: OutFloats3,
+    valid: OutBools2,
+) -> None:
+    """Let r of n agents go along their `paths`, in place of their forecasts in `states` (n, T, 6) and `valid` (n, T).
 
-    Now are (r,) x, y, speed and acceleration. The forecast, states (r, T, 6) and validity (r, T), gives the
-    progress: of those `fresh` (r,), whose policy has not acted yet, from now on.
+    They are in `rows` (r,). Forecasts give their progress where they are valid: of those `fresh` (r,), whose policy has
+    not acted yet, from now on. The motion of a fresh agent is valid only where its forecast is. It has one mode, whose
+    standard deviations are multiplied by `sigma_scale`.
     """
-    (x, y, speed, acceleration), (predicted, valid) = now, forecast
-    states = np.zeros(predicted.shape)
-    for k in range(len(x)):
+    for k in range(len(rows)):
+        row, motion, known = rows[k], states[rows[k]], valid[rows[k]]
+        speed, acceleration = agents.speed[row], agents.acceleration[row]
         hold, fade = (0.0, STEP_S) if fresh[k] else (HOLD, FADE)
-        _, s_now, d_now = nearest(paths, k, x[k], y[k])
-        at_x, at_y, travelled = x[k], y[k], 0.0
-        for t in range(predicted.shape[1]):
-            travelled += math.hypot(predicted[k, t, X] - at_x, predicted[k, t, Y] - at_y)
-            at_x, at_y = predicted[k, t, X], predicted[k, t, Y]
+        at_x, at_y, travelled = agents.x[row], agents.y[row], 0.0
+        _, s_now, d_now = nearest(paths, k, at_x, at_y)
+        for t in range(len(motion)):
+            travelled += math.hypot(motion[t, X] - at_x, motion[t, Y] - at_y)
+            at_x, at_y = motion[t, X], motion[t, Y]
             time = (t + 1) * STEP_S
-            gone = _gone(speed[k], acceleration[k], hold, time)
-            if valid[k, t]:
+            gone = _gone(speed, acceleration, hold, time)
+            if known[t]:
                 share = min(max(1.0 - (time - hold) / fade, 0.0), 1.0)
                 gone = share * gone + (1.0 - share) * travelled
             on_x, on_y, ux, uy = place_at(paths, k, s_now + gone)
             d = d_now * math.exp(-time / SETTLE)
-            states[k, t, X], states[k, t, Y] = on_x - d * uy, on_y + d * ux
-            states[k, t, YAW] = math.atan2(uy, ux)
+            motion[t, X], motion[t, Y] = on_x - d * uy, on_y + d * ux
+            motion[t, YAW] = math.atan2(uy, ux)
             along = (sigma_scale * (SIGMA_START + ALONG_LINEAR * time + ALONG_QUADRATIC * time**2)) ** 2
             across = (sigma_scale * (SIGMA_START + ACROSS_LINEAR * time)) ** 2
-            states[k, t, XX] = along * ux**2 + across * uy**2
-            states[k, t, YY] = along * uy**2 + across * ux**2
-            states[k, t, XY] = (along - across) * ux * uy
-    return states
+            motion[t, XX] = along * ux**2 + across * uy**2
+            motion[t, YY] = along * uy**2 + across * ux**2
+            motion[t, XY] = (along - across) * ux * uy
+            known[t] |= not fresh[k]
