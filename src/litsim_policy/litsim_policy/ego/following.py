@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_policy.ego.ego import Ego
-from litsim_policy.motion.along_path import along_paths
+from litsim_policy.motion.along_path import ahead_in_path
 from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_reach, towards
@@ -85,11 +85,11 @@ def _behind(
     stop_lines: StopLines,
 ) -> FloatArray:
     """Returns accelerations [m/s2] behind leaders and at red lights, of the egos at positions `minding`."""
-    own, path = rows[minding], np.array(minding)
-    view = along_paths(paths, table, own, path=path)
-    gap, along, leads = view.gap, view.speed, view.ahead & view.in_path
+    own, paths = rows[minding], paths.take(np.array(minding))
+    poses = table.x[own], table.y[own], table.yaw[own]
+    (gap, along, leads, _, _), own_s, _ = ahead_in_path(paths, table, own, poses)
     if stop_lines.any:
-        line = stop_lines.gaps(table, own, paths.take(path), view.own_s)
+        line = stop_lines.gaps(table, own, paths, own_s)
         line[[not drivers[k].stops for k in minding]] = FREE
         # a red light counts as a standing leader
         gap, along = np.column_stack([gap, line]), np.column_stack([along, np.zeros(len(line))])
