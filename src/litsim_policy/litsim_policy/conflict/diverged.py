@@ -23,6 +23,7 @@ LOGGED, LANE = int(PathSource.LOGGED), int(PathSource.LANE)
 HELD, HANDBACK, RELEASED, OWN_INTENT = map(
     int, (TakeoverState.HELD, TakeoverState.HANDBACK, TakeoverState.RELEASED, TakeoverState.OWN_INTENT)
 )
+COLUMNS = tuple(column.name for column in fields(Takeover))
 STATES, REASONS, SOURCES = tuple(TakeoverState), tuple(TakeoverReason), tuple(PathSource)  # numbered from 0 on
 
 
@@ -301,4 +302,4 @@ class DivergedNow:
             "time_shift": [steps * STEP_S for steps in self.lag.tolist()],
             "log_ratio": agents.log_ratio.tolist(),
         }
-        return tuple(map(Takeover, *(columns[field.name] for field in fields(Takeover))))
+        return tuple(map(Takeover, *map(columns.__getitem__, COLUMNS)))

@@ -61,9 +61,11 @@ class TakeoverManager:
         if table.step < self._scenario.history_steps:
             return TakeoverTable(table.step)
         self._diverged = self._diverged.kept(table.rows(self._diverged.agent) >= 0)
-        if late := list(by_late_entry(self._scenario, table, self._is_diverged(table))):
+        before = self._is_diverged(table)
+        if late := list(by_late_entry(self._scenario, table, before)):
             self._diverged = self._diverged.joined(*late)
-        before, lag = self._is_diverged(table), self._choose_lags(table)
+            before = self._is_diverged(table)
+        lag = self._choose_lags(table)
         lagged = (lag > 0) & ~table.off_log
         keep_to_log = lagged | (table.obstacle & ~table.off_log)
         planned = partial(self._planned_paths, table)
