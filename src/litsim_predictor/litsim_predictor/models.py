@@ -43,7 +43,8 @@ class Learned(LearnedPredictor, PredictorPlugin):
     def __init__(self, scenario: Setting, scope: Scope) -> None:
         lane_map, raster = raster_of_net(scenario.net_path)
         selection = (scenario.ego_ids, scope.roi_m, lane_map, raster, scope.wanted, scope.modes)
-        super().__init__(network(weights_on(self.model, lane_map)), *selection, along_lanes=scope.along_lanes)
+        ready = network(weights_on(self.model, lane_map))
+        super().__init__(ready, *selection, along_lanes=scope.along_lanes, signals=scenario.signals)
 
 
 class Default(Learned):

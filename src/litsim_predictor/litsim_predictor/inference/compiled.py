@@ -91,13 +91,14 @@ class CompiledNetwork:
         InputError: the file is missing or damaged, or is not a graph of a learned predictor.
 
     Attributes:
-        source: see :class:`.contract.Network`.
+        source, sees_signals: see :class:`.contract.Network`; a graph alone does not tell, and sees none.
     """
 
     def __init__(self, path: Path, weights: Weights | None = None) -> None:
         require_file(path, "graph", f"; shipped are {', '.join(SHIPPED)}")
         self._session = open_graph(path, {} if weights is None else weights.arrays)
         self.source = str(path if weights is None else weights.path)
+        self.sees_signals = weights is not None and weights.provenance.sees_signals
         kind = self._session.get_modelmeta().custom_metadata_map.get("format")
         if kind != FORMAT:
             raise InputError(

@@ -118,9 +118,11 @@ class Network(Protocol):
 
     Attributes:
         source: the file of its weights, for errors.
+        sees_signals: whether it is to be shown closed stop lines; see :mod:`.closed_lines`.
     """
 
     source: str
+    sees_signals: bool
 
     def __call__(self, inputs: AgentInputs, asked: IntArray, modes: int = 0) -> AgentFutures:
         """Predict the agents of a scene in the rows `asked` (m,), at least one, in that order; it sees all agents.

@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 
 from litsim_predictor.forecast import Egos, Forecast, Wanted, selected
+from litsim_predictor.inference.closed_lines import ClosedLines, Vehicles, among_traffic
 from litsim_predictor.inference.contract import (
     DT,
     HISTORY,
@@ -29,6 +30,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.history import History
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
 from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.signals import LinkSignals
 
 
 class LearnedPredictor:
@@ -46,6 +48,7 @@ class LearnedPredictor:
         wanted: the agents to forecast.
         modes: greatest number of manoeuvres of each besides the most probable one.
         along_lanes: whether they are forecast along lanes that bend; see :mod:`.lane_frames`.
+        signals: of the net; the network sees what they show at each step; see :mod:`.closed_lines`.
     """
 
     def __init__(
@@ -59,11 +62,13 @@ class LearnedPredictor:
         modes: int = 0,
         *,
         along_lanes: bool = True,
+        signals: LinkSignals | None = None,
     ) -> None:
         self._modes = modes
         self._network, self._ego_id, self._roi_m, self._wanted = network, ego_id, roi_m, wanted
         self._lane_map, self._raster = lane_map, raster
         self._lanes = LaneFrameFinder(lane_map) if along_lanes and lane_map is not None else None
+        self._lines = ClosedLines(signals) if signals is not None and network.sees_signals else None
         self._history = History(STRIDE * (HISTORY - 1) + 1, ("x", "y", "yaw", "speed"))
 
     def observe(self, table: AgentTable) -> None:
@@ -89,9 +94,9 @@ class LearnedPredictor:
         if not len(asked):
             return Forecast.empty(table.step, DT, len(MANEUVERS))
         heading, lane_frames = self._frames(agents, asked)
-        inputs = self._inputs(agents, heading, Traffic.of_table(table, self._history))
-        futures = from_lane_frames(self._answer(inputs, asked, agents.scene, maneuver), lane_frames)
-        forecast = forecast_in_map(futures, inputs.frame[asked], agents.take(asked))
+        inputs, scene, rows = self._inputs(agents, heading, Traffic.of_table(table, self._history))
+        futures = from_lane_frames(self._answer(inputs, rows[asked], scene, maneuver), lane_frames)
+        forecast = forecast_in_map(futures, inputs.frame[rows[asked]], agents.take(asked))
         if not forecast.valid.any():
             raise InputError(
                 f"{self._network.source}: none of the forecasts of {len(asked)} agents at step {table.step} is finite, "
@@ -126,10 +131,18 @@ class LearnedPredictor:
             answers.append(self._network(inputs.take(slice(begin, end)), rows - begin, self._modes))
         return _joined(answers)
 
-    def _inputs(self, agents: AgentTable, heading: FloatArray, traffic: Traffic) -> AgentInputs:
+    def _inputs(
+        self, agents: AgentTable, heading: FloatArray, traffic: Traffic
+    ) -> tuple[AgentInputs, IntArray, IntArray]:
+        """Returns the inputs of `agents` (n,) and of closed stop lines, their scenes, and the agents' rows (n,)."""
         series, observed = self._history.window(agents.id, HISTORY, STRIDE)
-        size = np.array([agents.length, agents.width]).T
-        return agent_inputs(series, observed, size, heading, self._raster, traffic, agents.scene)
+        vehicles = Vehicles(series, observed, np.array([agents.length, agents.width]).T, heading, agents.scene)
+        rows = np.arange(len(agents))
+        if self._lines is not None:
+            lines = self._lines.near(agents)
+            (vehicles, rows), traffic = vehicles.beside(lines), among_traffic(traffic, lines)
+        series, observed, size, heading, scene = vehicles
+        return agent_inputs(series, observed, size, heading, self._raster, traffic, scene), scene, rows
 
 
 def _joined(answers: list[AgentFutures]) -> AgentFutures:

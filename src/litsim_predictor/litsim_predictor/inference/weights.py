@@ -43,6 +43,11 @@ class Provenance:
     manifest: dict[str, Any]
     figures: dict[str, Any]
 
+    @property
+    def sees_signals(self) -> bool:
+        """Whether closed stop lines were among the vehicles of some training data; see :mod:`.closed_lines`."""
+        return any(source.get("signals") for source in self.training.get("data", []))
+
 
 @dataclass(frozen=True)
 class Weights:

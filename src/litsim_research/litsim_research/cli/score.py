@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
 from itertools import product
 from operator import getitem
@@ -34,6 +34,10 @@ from litsim_sim.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
     from litsim_research.predictors.data.tracks import Tracks
+    from litsim_research.predictors.evaluation.conflicts import ConflictCounts
+    from litsim_research.predictors.evaluation.drives import DriveKind
+    from litsim_research.predictors.evaluation.scores import Scores
+    from litsim_research.predictors.models.model import SceneModel
 
 
 def parser() -> argparse.ArgumentParser:
@@ -111,22 +115,32 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
         chosen = part_of([recording_tracks(path, arguments.net) for path in arguments.recording], arguments.split)
     else:
         scenario = Scenario.load(arguments.scenario)
-        tracks = Tracks.from_table(scenario.name, scenario.recording.table, scenario.net_path)
+        tracks = Tracks.from_table(
+            scenario.name,
+            scenario.recording.table,
+            scenario.net_path,
+            signals=scenario.signals,
+            begin=scenario.start_frame,
+        )
         chosen = part_of([tracks], arguments.split)
     if DEFAULT_MODEL in models and on_streets(chosen):
         of_streets = load_models([ON_STREETS], arguments.device, along_lanes=not arguments.straight)
         models[DEFAULT_MODEL] = of_streets[ON_STREETS]
-    scenes = sum(len(tracks.frames[:: arguments.stride]) for tracks in chosen)
+    groups = _by_sight(models, chosen)
+    scenes = sum(len(tracks.frames[:: arguments.stride]) for _, shown in groups for tracks in shown)
+    scores: dict[str, Scores] = {}
     with tqdm(total=scenes, unit="scene", dynamic_ncols=True, desc="scenes") as bar:
-        batches = scene_batches(chosen, arguments.batch, arguments.stride, roi_m=arguments.roi)
-        scores = score(models, batches, arguments.seed, arguments.device, bar.update)
+        for alike, shown in groups:
+            batches = scene_batches(shown, arguments.batch, arguments.stride, roi_m=arguments.roi)
+            scores |= score(alike, batches, arguments.seed, arguments.device, bar.update)
         bar.total = bar.n  # scenes without agents to score are skipped
-    conflicts = {}
+    conflicts: dict[str, dict[DriveKind, ConflictCounts]] = {}
     if scenario is not None and arguments.egos != "none":
         egos = scenario.egos if arguments.egos == "egos" else scenario.tuning_egos
-        with tqdm(total=len(egos), unit="ego", dynamic_ncols=True, desc="conflicts") as bar:
-            conflicts = conflict_counts(models, scenario, egos, arguments.seed, bar.update)
-    result = summary(scores, conflicts)
+        with tqdm(total=len(egos) * len(groups), unit="ego", dynamic_ncols=True, desc="conflicts") as bar:
+            for signals, (alike, _) in enumerate(groups):
+                conflicts |= conflict_counts(alike, scenario, egos, arguments.seed, bar.update, signals=bool(signals))
+    result = summary({name: scores[name] for name in models}, conflicts)
     for measures in result.values():
         measures["protocol"] = {
             "sources": [tracks.name for tracks in chosen],
@@ -138,6 +152,16 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
             "egos": arguments.egos if conflicts else None,
         }
     return result
+
+
+def _by_sight(
+    models: Mapping[str, SceneModel], chosen: Sequence[Tracks]
+) -> list[tuple[dict[str, SceneModel], list[Tracks]]]:
+    """Returns the models that see no signals with the vehicles alone; then, if any, those that do, with `chosen`."""
+    blind = {name: model for name, model in models.items() if not model.sees_signals}
+    seeing = {name: model for name, model in models.items() if model.sees_signals}
+    groups = [(blind, [tracks.without_lines() for tracks in chosen])]
+    return groups + [(seeing, list(chosen))] * bool(seeing)
 
 
 def _validation_tracks(name: str) -> list[Tracks]:

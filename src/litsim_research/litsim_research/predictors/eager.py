@@ -26,7 +26,7 @@ class EagerNetwork:
     def __init__(self, model: SceneModel, source: str) -> None:
         # Rounding depends on the number of threads, which compiled networks fix to one as well.
         torch.set_num_threads(1)
-        self._model, self.source = model.eval(), source
+        self._model, self.source, self.sees_signals = model.eval(), source, model.sees_signals
 
     def __call__(self, inputs: AgentInputs, asked: IntArray, modes: int = 0) -> AgentFutures:  # noqa: ARG002 - of the protocol
         """See :class:`litsim_predictor.inference.contract.Network`."""

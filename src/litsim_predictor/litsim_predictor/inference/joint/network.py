@@ -201,6 +201,7 @@ class JointNetwork:
         parameters = weights.parameters(JointParameters)
         weights.check(shapes(parameters))
         arrays, self.source = weights.arrays, str(weights.path)
+        self.sees_signals = weights.provenance.sees_signals
         self._neighbours, self._reach, self._traffic = parameters.neighbours, parameters.reach, parameters.traffic
         self._maps, self._histories = MapEncoder(arrays), HistoryEncoder(arrays)
         units = STATE_UNITS + TRAFFIC_UNITS * (TRAFFIC_PLACES * self._traffic)

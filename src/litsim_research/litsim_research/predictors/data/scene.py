@@ -46,6 +46,7 @@ def cut_scene(tracks: Tracks, rows: IntArray, raster: MapRaster | None = None) -
     """Returns the scene of the vehicles in `rows` of one frame; `raster` replaces the map of `tracks` unless None."""
     past, observed = tracks.history(rows)
     later, known = tracks.future(rows)
+    known &= ~tracks.is_line[rows, None]
     inputs = agent_inputs(
         tracks.motion[past], observed, tracks.size[rows], tracks.heading[rows], raster or tracks.raster
     )

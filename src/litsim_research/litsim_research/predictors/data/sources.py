@@ -21,8 +21,10 @@ from litsim_research.predictors.data.tracks import Tracks
 from litsim_research.predictors.data.us101_road import Us101Road
 from litsim_research.predictors.data.us101_tracks import LEADER_SIZE, US101_NET, apart_from, with_leaders
 from litsim_sim.io.parquet_input import read_table
+from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.recorded_net import net_of
 from litsim_sim.scenario.recording import Recording
+from litsim_sim.scenario.signals import Signals, SignalsFile, signals_of
 
 PERIOD_IDS, PERIOD_FRAMES = 100_000, 100_000  # offsets of ids and frames from one period of a site to the next
 
@@ -33,11 +35,15 @@ class _Source(BaseModel):
 
 
 class RecordingSource(_Source):
-    """Recordings in the neutral schema, each split 70/10/20 by vehicle id, or whole for one part."""
+    """Recordings in the neutral schema, each split 70/10/20 by vehicle id, or whole for one part.
+
+    With `signals`, the stop lines that those of the recordings close are among the vehicles.
+    """
 
     kind: Literal["recording"]
     files: tuple[str, ...]
     part: Part | None = None
+    signals: bool = False
 
 
 class Us101WindowSource(_Source):
@@ -117,10 +123,22 @@ def digest_of(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+def signals_of_recording(recording: Recording, net: Path | None) -> Signals | None:
+    """Returns the signals that a recording on `net` carries, from frame 0 to its last; None without any."""
+    if net is None or not recording.header.signals:
+        return None
+    frames = int(recording.table["frame"].max()) + 1
+    return signals_of(SignalsFile.model_validate(recording.header.signals), read_links(net), frames)
+
+
 def split(tracks: Tracks) -> dict[Part, list[Tracks]]:
-    """Returns the tracks, split by vehicle id: 70 % train, 10 % val, 20 % test; empty parts are left out."""
-    part = parts_of(tracks.vehicle)
-    return {name: [tracks.take(part == k)] for k, name in enumerate(PARTS) if (part == k).any()}
+    """Returns the tracks, split by vehicle id: 70 % train, 10 % val, 20 % test; empty parts are left out.
+
+    Closed stop lines are in every part.
+    """
+    vehicles, part = ~tracks.is_line, np.full(len(tracks), -1)
+    part[vehicles] = parts_of(tracks.vehicle[vehicles])
+    return {name: [tracks.take((part == k) | ~vehicles)] for k, name in enumerate(PARTS) if (part == k).any()}
 
 
 def _recordings(source: RecordingSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
@@ -129,7 +147,8 @@ def _recordings(source: RecordingSource, locate: Callable[[str], Path]) -> dict[
         path = locate(file)
         recording = Recording.read(path)
         net = net_of(recording.header, path) if recording.header.net else None
-        tracks = Tracks.from_table(recording.header.name, recording.table, net)
+        signals = signals_of_recording(recording, net) if source.signals else None
+        tracks = Tracks.from_table(recording.header.name, recording.table, net, signals=signals)
         for name, pieces in (split(tracks) if source.part is None else {source.part: [tracks]}).items():
             parts.setdefault(name, []).extend(pieces)
     return parts

@@ -10,11 +10,13 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.maps.positions import vehicles_of
+from litsim_predictor.inference.closed_lines import LENGTH, WIDTH, ClosedLines
 from litsim_predictor.inference.contract import HISTORY, HORIZON, STRIDE
 from litsim_predictor.inference.features import frame_headings, on_lanes
 from litsim_predictor.inference.lane_frames import NO_LANE_FRAMES, LaneFrameFinder, LaneFrames
 from litsim_predictor.inference.raster import MapRaster, raster_of_net
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray, is_obstacle
+from litsim_sim.scenario.signals import Signals
 
 
 @dataclass(frozen=True)
@@ -43,10 +45,19 @@ class Tracks:
     lanes: LaneFrameFinder | None = None
 
     @classmethod
-    def from_table(cls, name: str, table: pd.DataFrame, net: Path | None, target: BoolArray | None = None) -> Tracks:
+    def from_table(
+        cls,
+        name: str,
+        table: pd.DataFrame,
+        net: Path | None,
+        target: BoolArray | None = None,
+        signals: Signals | None = None,
+        begin: int = 0,
+    ) -> Tracks:
         """Returns tracks of a `table` with columns vehicle_id, frame, x, y, yaw, speed, length, width (neutral schema).
 
-        All rows are targets if `target` (R,), in the order of `table`, is None. Pedestrians and cyclists, if there is a
+        Stop lines that `signals`, known from frame `begin` on, close are among the vehicles, but are no targets. All
+        rows of `table` are targets if `target` (R,), in its order, is None. Pedestrians and cyclists, if there is a
         column kind, are left out as in runs.
 
         Raises:
@@ -56,6 +67,10 @@ class Tracks:
             target = None if target is None else target[~is_obstacle(table["kind"].to_numpy())]
             table = vehicles_of(table, name)
         lane_map, raster = (None, MapRaster(None)) if net is None else raster_of_net(net)
+        if signals is not None:
+            lines = _closed_lines(signals, begin, int(table["vehicle_id"].min()) - 1)
+            target = np.r_[np.ones(len(table), np.bool_) if target is None else target, np.zeros(len(lines), np.bool_)]
+            table = pd.concat([table[lines.columns], lines], ignore_index=True)
         order = np.lexsort([table["frame"], table["vehicle_id"]])
         rows = table.iloc[order]
         motion = rows[["x", "y", "yaw", "speed"]].to_numpy(np.float64)
@@ -87,6 +102,15 @@ class Tracks:
             self.raster,
             self.lanes,
         )
+
+    def without_lines(self) -> Tracks:
+        """Returns the tracks of the vehicles alone, for models that do not see closed stop lines."""
+        return self.take(~self.is_line) if self.is_line.any() else self
+
+    @cached_property
+    def is_line(self) -> BoolArray:
+        """(R,) whether rows are those of closed stop lines."""
+        return self.size[:, 0] == LENGTH
 
     def learned_of(self, fraction: float, random: np.random.Generator) -> Tracks:
         """Returns the tracks with a `fraction` of the targets, at least one vehicle; all other rows are context.
@@ -163,3 +187,16 @@ class Tracks:
     def _key(self, vehicle: IntArray, frame: IntArray) -> IntArray:
         low, span = self._reach
         return vehicle * span + (frame - low)
+
+
+def _closed_lines(signals: Signals, begin: int, number: int) -> pd.DataFrame:
+    """Returns closed stop lines as rows of vehicles, with ids from `number` down, in frames from `begin` on.
+
+    `begin` is the first frame of `signals`; see :mod:`litsim_predictor.inference.closed_lines`.
+    """
+    lines = ClosedLines(signals)
+    closed = np.stack([lines.closed(step)[0] for step in range(signals.states.shape[1])])
+    step, line = np.nonzero(closed)
+    x, y, yaw = lines.pose[line].T
+    place = {"vehicle_id": number - line, "frame": begin + step, "x": x, "y": y, "yaw": yaw, "speed": 0.0}
+    return pd.DataFrame(place | {"length": LENGTH, "width": WIDTH})

@@ -75,12 +75,18 @@ NO_COUNTS = ConflictCounts(*np.zeros((4, len(SECONDS)), np.int64))
 
 
 def conflict_counts(
-    models: Mapping[str, SceneModel], scenario: Scenario, egos: Sequence[int], seed: int, done: Callable[[], object]
+    models: Mapping[str, SceneModel],
+    scenario: Scenario,
+    egos: Sequence[int],
+    seed: int,
+    done: Callable[[], object],
+    *,
+    signals: bool = False,
 ) -> dict[str, dict[DriveKind, ConflictCounts]]:
     """Counts predicted and real conflicts when `egos` of `scenario` deviate from their logs.
 
     Each of the `egos` makes 1 + :data:`.drives.BRAKES` drives, with times drawn by `seed` at which they brake; `done`
-    is called after each.
+    is called after each. Models see closed stop lines if `signals`.
 
     Returns:
         counts by model and kind of drive.
@@ -88,7 +94,7 @@ def conflict_counts(
     counts = {name: dict.fromkeys(DRIVE_KINDS, NO_COUNTS) for name in models}
     for ego in egos:
         for drive in drives(scenario, ego, np.random.default_rng([seed, ego])):
-            remaining = _scenes(scenario, drive)
+            remaining = _scenes(scenario, drive, signals)
             while scenes := list(islice(remaining, SCENES_PER_BATCH)):
                 for name, model in models.items():
                     for scene, path in zip(scenes, _ego_paths(model, scenes), strict=True):
@@ -135,9 +141,9 @@ class _Scene:
         return np.logical_or.accumulate(hit, axis=1)[:, AT_SECONDS]
 
 
-def _scenes(scenario: Scenario, drive: Drive) -> Iterator[_Scene]:
+def _scenes(scenario: Scenario, drive: Drive, signals: bool) -> Iterator[_Scene]:
     """Yields the steps of `drive` after the history, at the models' rate, up to 1 s before its end."""
-    log, tracks = scenario.log, _tracks(scenario, drive)
+    log, tracks = scenario.log, _tracks(scenario, drive, signals)
     row, steps = log.row(drive.ego), len(drive.x)
     size = np.array([log.length[row], log.width[row]])
     others = np.flatnonzero(log.ids != drive.ego)
@@ -172,8 +178,11 @@ def _scenes(scenario: Scenario, drive: Drive) -> Iterator[_Scene]:
         )
 
 
-def _tracks(scenario: Scenario, drive: Drive) -> Tracks:
-    """Returns the recording of `scenario`, with the ego's rows replaced by `drive`, and none after its end."""
+def _tracks(scenario: Scenario, drive: Drive, signals: bool) -> Tracks:
+    """Returns the recording of `scenario`, with the ego's rows replaced by `drive`, and none after its end.
+
+    With `signals`, closed stop lines are among them.
+    """
     table = scenario.recording.table
     step = table["frame"].to_numpy() - scenario.start_frame
     ego = table["vehicle_id"].to_numpy() == drive.ego
@@ -182,7 +191,8 @@ def _tracks(scenario: Scenario, drive: Drive) -> Tracks:
     at = table.loc[ego, "frame"].to_numpy() - scenario.start_frame
     for column in ("x", "y", "yaw", "speed"):
         table.loc[ego, column] = getattr(drive, column)[at]
-    return Tracks.from_table(scenario.name, table, scenario.net_path)
+    shown = scenario.signals if signals else None
+    return Tracks.from_table(scenario.name, table, scenario.net_path, signals=shown, begin=scenario.start_frame)
 
 
 def _ego_paths(model: SceneModel, scenes: Sequence[_Scene]) -> FloatArray:

@@ -14,7 +14,7 @@ from litsim_data.segments import Part
 from litsim_predictor.inference import ON_STREETS, SHIPPED
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, STRIDE
 from litsim_research.predictors.data.batch import SceneBatch
-from litsim_research.predictors.data.sources import split
+from litsim_research.predictors.data.sources import signals_of_recording, split
 from litsim_research.predictors.data.tracks import Tracks
 from litsim_research.predictors.device import check_device
 from litsim_research.predictors.evaluation.conflicts import NO_COUNTS, ConflictCounts
@@ -94,7 +94,7 @@ def recording_tracks(path: Path, net: str | None) -> Tracks:
         if net:
             raise
         _log.warning("%s; forecasting without a map", error)
-    return Tracks.from_table(path.stem, recording.table, net_path)
+    return Tracks.from_table(path.stem, recording.table, net_path, signals=signals_of_recording(recording, net_path))
 
 
 def part_of(sources: Iterable[Tracks], part: Part | Literal["all"]) -> list[Tracks]:

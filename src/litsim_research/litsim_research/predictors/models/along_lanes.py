@@ -17,7 +17,7 @@ class AlongLanes(SceneModel):
 
     def __init__(self, model: SceneModel) -> None:
         super().__init__()
-        self.model = model
+        self.model, self.sees_signals = model, model.sees_signals
 
     def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
         """See :meth:`SceneModel.forward`; `asked` must be None."""

@@ -26,9 +26,11 @@ class SceneModel(nn.Module):
     Attributes:
         forcing: share of training batches with teacher forcing, in which a decoder that reads positions is given the
             true ones.
+        sees_signals: whether closed stop lines are to be among the agents, as in its training.
     """
 
     forcing = 0.0
+    sees_signals = False
 
     @abstractmethod
     def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:

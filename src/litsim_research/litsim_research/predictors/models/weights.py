@@ -33,4 +33,5 @@ def load_model(name: str) -> tuple[SceneModel, Provenance]:
     model = build(weights.provenance.model, weights.provenance.parameters, str(weights.path))
     weights.check({key: tuple(tensor.shape) for key, tensor in model.state_dict().items()})
     model.load_state_dict({key: torch.from_numpy(array) for key, array in weights.arrays.items()})
+    model.sees_signals = weights.provenance.sees_signals
     return model.eval(), weights.provenance
