@@ -10,7 +10,7 @@ import torch
 
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, STRIDE, AgentFutures, FurtherFutures
-from litsim_predictor.inference.lane_frames import FRAMES, LaneFrameFinder, LaneFrames, bend, from_lane_frames
+from litsim_predictor.inference.lane_frames import FRAMES, LaneFrameFinder, LaneFrames, bend, from_lane_frames, unbend
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_predictor.models import network
@@ -122,6 +122,15 @@ def gaussians(rows: int) -> Iterator[np.ndarray]:
     yield np.stack([np.linspace(1.0, 40.0, HORIZON), np.full(HORIZON, 0.5)], axis=-1)[None].repeat(rows, axis=0)
     yield np.tile([3.0, 1.0], (rows, HORIZON, 1))
     yield np.full((rows, HORIZON), 0.2)
+
+
+def test_paths_are_unbent_as_forecasts_are_bent() -> None:
+    """So that networks learn futures along the lane, along which their forecasts are bent in runs."""
+    mean, scale, correlation = (array.astype(np.float32) for array in gaussians(1))
+    pose = quarter_turn().pose
+    bent, _, _ = bend(pose, mean, scale, correlation)
+    assert np.hypot(*(unbend(pose, bent.astype(np.float64)) - mean)[0].T).max() < 0.1
+    assert np.hypot(*(unbend(pose, mean.astype(np.float64)) - mean)[0].T).max() > 5.0
 
 
 def test_gaussians_turn_with_the_way() -> None:

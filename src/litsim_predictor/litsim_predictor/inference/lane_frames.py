@@ -149,3 +149,17 @@ def bend(
         covariance[..., :2].reshape(mean.shape),
         covariance[..., 2].reshape(correlation.shape),
     )
+
+
+def unbend(pose: FloatArray, path: FloatArray) -> FloatArray:
+    """Returns paths (r, T, 2) [m] of r agents as they are along their lanes: the inverse of :func:`bend`.
+
+    Args:
+        pose: (r, FRAMES, 3) of the lanes; see :class:`LaneFrames`.
+        path: (r, T, 2) in the agents' frames [m].
+    """
+    away = np.hypot(*(path[:, :, None] - pose[:, None, :, :2]).transpose(3, 0, 1, 2))
+    metre = away.argmin(axis=-1)
+    x, y, heading = np.take_along_axis(pose, metre[..., None], axis=1).transpose(2, 0, 1)
+    ahead, left = to_body(path[..., 0] - x, path[..., 1] - y, heading)
+    return np.stack([metre + ahead, left], axis=-1)

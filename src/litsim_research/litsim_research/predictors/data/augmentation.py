@@ -10,6 +10,7 @@ from pydantic import model_validator
 
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.contract import HISTORY, HISTORY_CHANNELS
+from litsim_predictor.inference.lane_frames import LaneFrames, unbend
 from litsim_predictor.inference.raster import MapRaster
 from litsim_predictor.inference.traffic import Traffic
 from litsim_research.predictors.data.scene import Scene, cut_scene
@@ -98,7 +99,8 @@ class Variation:
 
 def varied_scene(tracks: Tracks, frame: int, variation: Variation) -> Scene:
     """Returns the scene of `tracks` in `frame` with a `variation`."""
-    scene = cut_scene(tracks, tracks.rows_at(frame), None if variation.has_map else NO_MAP)
+    rows = tracks.rows_at(frame)
+    scene = _along_lanes(cut_scene(tracks, rows, None if variation.has_map else NO_MAP), tracks.lane_frames(rows))
     if variation.stretch is not None:
         scene = _stretched(scene, variation.stretch)
     inputs = scene.inputs
@@ -115,6 +117,15 @@ def varied_scene(tracks: Tracks, frame: int, variation: Variation) -> Scene:
     if variation.region is not None:
         scene = scene.around(*variation.region)
     return _mirrored(scene) if variation.mirrored else scene
+
+
+def _along_lanes(scene: Scene, lane_frames: LaneFrames) -> Scene:
+    """Returns the scene with futures along lanes that bend, as forecasts are meant; see :mod:`.lane_frames`."""
+    if not len(lane_frames):
+        return scene
+    future = scene.future.copy()
+    future[lane_frames.row] = unbend(lane_frames.pose, future[lane_frames.row])
+    return replace(scene, future=np.where(scene.future_known[..., None], future, 0.0))
 
 
 def _stretched(scene: Scene, factor: float) -> Scene:

@@ -20,6 +20,8 @@ from litsim_research.predictors.checkpoint import checkpoint, save_checkpoint
 from litsim_research.predictors.data.batch import SceneBatch
 from litsim_research.predictors.data.scenes import scene_batches, training_batches
 from litsim_research.predictors.data.sources import digest_of, files_of
+from litsim_research.predictors.evaluation.scores import best_of
+from litsim_research.predictors.models.along_lanes import AlongLanes
 from litsim_research.predictors.models.model import SceneModel, negative_log_likelihood
 from litsim_research.predictors.models.registry import build
 from litsim_research.predictors.models.weights import load_model, save_model
@@ -206,18 +208,21 @@ class Training:
     def _validate(self) -> dict[str, float]:
         """Returns RMSE by second [m], its mean, NLL [nats] and share of correct manoeuvres on the validation part.
 
-        Agents with a complete history and future are scored, with their most probable manoeuvre.
+        Agents with a complete history and future are scored: errors with their most probable manoeuvre, NLL with all.
         """
-        model = self._result.eval()
+        model = AlongLanes(self._result.eval())
         squared, nll, right, count = torch.zeros(len(SECONDS)), 0.0, 0, 0
         validation = [tracks for tracks, _ in self._parts["val"]]
         for batch in scene_batches(validation, stride=VALIDATION_STRIDE):
             moved = batch.to(self._device)
-            prediction = model(moved)
-            error = ((prediction.mean[:, :, 0] - moved.future) ** 2).sum(dim=-1)[moved.target]
+            prediction = model(moved, decode="all")
+            logits = prediction.maneuver.log_softmax(dim=-1)
+            best = logits.argmax(dim=-1)
+            error = ((best_of(prediction.mean, best) - moved.future) ** 2).sum(dim=-1)[moved.target]
             squared += error[:, AT_SECONDS].sum(dim=0).cpu()
-            nll += float(negative_log_likelihood(prediction, moved.future)[:, :, 0][moved.target].mean(dim=1).sum())
-            right += int((prediction.maneuver.argmax(dim=-1) == moved.maneuver)[moved.target].sum())
+            of_each = negative_log_likelihood(prediction, moved.future)  # (B, N, K, T)
+            nll -= float((logits[..., None] - of_each).logsumexp(dim=2)[moved.target].mean(dim=1).sum())
+            right += int((best == moved.maneuver)[moved.target].sum())
             count += int(moved.target.sum())
         if not count:
             raise InputError("training configuration: field data: no vehicle for validation is seen for 8 s")
