@@ -42,6 +42,13 @@ def test_fields_are_read(tmp_path: Path) -> None:
     assert suite.parameters == {"conflict.horizon": [2.0], "predictor.model": ["kinematic", "default"]}
 
 
+def test_equal_latencies_are_one_however_they_are_written(tmp_path: Path) -> None:
+    texts = GOOD.replace("conflict.horizon: 2.0", "bridge.latency: [0.1, '0.10', 1.0, measured]")
+    assert load(tmp_path, texts).parameters["bridge.latency"] == ["0.1", "1", "measured"]
+    with pytest.raises(InputError, match=r"latency is 0\.25, expected measured, or a multiple"):
+        load(tmp_path, texts.replace("'0.10'", "0.25"))
+
+
 def test_scenarios_are_found_beside_the_suite(tmp_path: Path) -> None:
     suite = load(tmp_path, GOOD)
     assert [case.scenario for case in suite.cases] == ["demo", str(tmp_path / "windows/a.yaml")]

@@ -22,6 +22,8 @@ def test_equal_runs_have_equal_identities_however_they_are_written(plan: RunPlan
     parameters = [{"ego": {"time": value}, "policy": {"a": True}} for value in ((0.0, 1.0), [0, 1])]
     first, second = (replace(plan, parameters=each) for each in parameters)
     assert first.identity == second.identity
+    later = {replace(plan, parameters={"bridge": {"latency": text}}).identity for text in ("0.1", "0.10", 0.1)}
+    assert len(later) == 1 and plan.identity not in later
 
 
 def test_whatever_changes_a_run_changes_its_identity(plan: RunPlan) -> None:

@@ -24,7 +24,9 @@ from pydantic import (
 
 from litsim_eval.campaign.criteria import Criteria
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.latency import NAME, latency_text
 from litsim_sim.core.quantities import OneOf
+from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.topic_names import AUTO, INTERFACES
 from litsim_sim.io.input_files import require_file
 from litsim_sim.io.yaml_input import parse_yaml, place_in, read_text, validate_yaml
@@ -49,6 +51,7 @@ that are there from step 0 through the first simulated step."""
 
 DEFAULT_EGOS: EgoChoice = "egos"
 PACKAGE, SUITES = "litsim_eval", "suites"  # folder of the packaged ones
+LATENCY = f"{BRIDGE}.{NAME}"
 INTERPRETERS = ("python", "bash", "sh")
 CAMPAIGN_FILE = OF_MANY_RUNS
 """In the folder of a campaign: its suite and its cases."""
@@ -230,10 +233,13 @@ class Suite(BaseModel):
     @field_validator("parameters", mode="before")
     @classmethod
     def _check_parameters(cls, values: Any) -> Any:
-        """Makes a single value a list of one."""
+        """Makes a single value a list of one, and equal latencies equal."""
         if not isinstance(values, dict):
             return values
-        return {stage_and_name(str(name)): v if isinstance(v, list) else [v] for name, v in values.items()}
+        listed = {stage_and_name(str(name)): v if isinstance(v, list) else [v] for name, v in values.items()}
+        if LATENCY in listed:
+            listed[LATENCY] = list(dict.fromkeys(latency_text(str(value)) for value in listed[LATENCY]))
+        return listed
 
     @model_validator(mode="after")
     def _check_cases(self) -> Suite:

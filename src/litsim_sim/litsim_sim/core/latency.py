@@ -37,11 +37,17 @@ def latency_steps(text: str) -> int | None:
     return steps
 
 
+def latency_text(text: str) -> str:
+    """Returns a latency as it is written in identities: 0.10 as 0.1. Raises as :func:`latency_steps`."""
+    steps = latency_steps(text)
+    return MEASURED if steps is None else f"{steps * STEP_S:g}"
+
+
 def latency_in(parameters: Parameters | None) -> str:
     """Returns the latency among the parameters of a run, by stage and name; raises InputError if it is none."""
     text = str((parameters or {}).get(BRIDGE, {}).get(NAME, NONE))
     try:
-        return NONE if latency_steps(text) == 0 else text
+        return latency_text(text)
     except ValueError as error:
         raise InputError(f"{BRIDGE}.{error}") from error
 

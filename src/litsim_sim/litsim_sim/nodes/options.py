@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.latency import NAME as LATENCY
-from litsim_sim.core.latency import NONE, latency_steps, without_latency
+from litsim_sim.core.latency import NONE, latency_steps, latency_text, without_latency
 from litsim_sim.core.parameters import ParameterOverrides, Parameters
 from litsim_sim.core.quantities import (
     Duration,
@@ -124,7 +124,7 @@ class BridgeOptions:
         overrides: dict[str, Any] = {name: value for name, value in chosen.items() if value != OF_THE_SCENARIO}
         scenario = Scenario.load(self.scenario, **overrides, vehicle=self._own_vehicle or None)
         stages = without_latency(_by_stage(self.stage_parameters))
-        later = {} if latency_steps(self.latency) == 0 else {BRIDGE: {LATENCY: self.latency}}
+        later = {} if latency_steps(self.latency) == 0 else {BRIDGE: {LATENCY: latency_text(self.latency)}}
         return RunPlan(scenario, self.ego, self.policy, stages | later, new_execution())
 
 
