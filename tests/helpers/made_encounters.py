@@ -79,7 +79,6 @@ def following_track(begin: int = 60, late: int = 10, steps: int = 150) -> Follow
     return FollowingTrack(
         site="i80",
         period=1600,
-        source="made",
         follower=AGENT,
         leader=OPPONENT,
         leader_length=LENGTH,

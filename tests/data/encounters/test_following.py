@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_data.encounters.following import CAR_LENGTH, LANES, PAIRS, VEHICLES, following_tracks, lanes
+from litsim_data.encounters.following import CAR_LENGTH, LANES, PAIRS, following_tracks, lanes, pairs, vehicles
 from litsim_sim.core.errors import InputError
 
 
@@ -50,7 +50,8 @@ def test_a_file_without_leaders_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.data
 def test_real_tracks_keep_behind_their_leaders(real_data: Callable[..., Path]) -> None:
-    tracks = list(following_tracks(real_data(PAIRS).parents[1]))
-    assert {track.source for track in tracks} == {PAIRS, LANES, VEHICLES}
-    assert min(track.gap.min() for track in tracks) > 0.0
-    assert {track.split for track in tracks if track.source == PAIRS} == {"tuning", "reported"}
+    data = real_data(PAIRS).parents[1]
+    by_file = [list(tracks(data)) for tracks in (pairs, lanes, vehicles)]
+    assert all(by_file) and len(list(following_tracks(data))) == sum(map(len, by_file))
+    assert min(track.gap.min() for tracks in by_file for track in tracks) > 0.0
+    assert {track.split for track in by_file[0]} == {"tuning", "reported"}

@@ -25,7 +25,7 @@ def made(number: int, headway: float, steps: int = 240) -> FollowingTrack:
         wanted = following(speed[k], rear[k] - front[k], lead[k], slows, TRUE._replace(headway=headway))
         speed[k + 1] = max(speed[k] + STEP_S * wanted, 0.0)
         front[k + 1] = front[k] + 0.5 * STEP_S * (speed[k] + speed[k + 1])
-    return FollowingTrack("made", 0, "made", number, -1, 4.5, 0, front, speed, rear, lead)
+    return FollowingTrack("made", 0, number, -1, 4.5, 0, front, speed, rear, lead)
 
 
 @pytest.fixture(scope="module")

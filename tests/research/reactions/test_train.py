@@ -18,7 +18,7 @@ def follower(number: int, steps: int = 200) -> FollowingTrack:
     leader_speed = 10.0 + 2.0 * np.sin(0.5 * time + number)
     speed = 10.0 + 2.0 * np.sin(0.5 * (time - 1.0) + number)
     rear, front = 20.0 + 0.1 * np.cumsum(leader_speed), 8.0 + 0.1 * np.cumsum(speed)
-    return FollowingTrack("made", 0, "made", number, -1, 4.5, 0, front, speed, rear, leader_speed)
+    return FollowingTrack("made", 0, number, -1, 4.5, 0, front, speed, rear, leader_speed)
 
 
 def test_samples_tell_the_change_within_a_second_and_what_was_known_before() -> None:

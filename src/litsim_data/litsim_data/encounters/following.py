@@ -47,7 +47,6 @@ class FollowingTrack:
     Attributes:
         site: i80 or us101.
         period: of NGSIM's recording: begin as hhmm (i80), or 0, 1, 2 (us101).
-        source: file, relative to LITSIM_DATA.
         follower: NGSIM's id of the vehicle.
         leader: that of its leader; -1 if it is not known.
         leader_length: as recorded, or :data:`CAR_LENGTH` [m].
@@ -60,7 +59,6 @@ class FollowingTrack:
 
     site: str
     period: int
-    source: str
     follower: int
     leader: int
     leader_length: float
@@ -106,7 +104,6 @@ def pairs(data: Path) -> Iterator[FollowingTrack]:
             yield FollowingTrack(
                 site="i80",
                 period=int(group["period"].iloc[0]),
-                source=PAIRS,
                 follower=int(group["follower"].iloc[0]),
                 leader=int(group["leader"].iloc[0]),
                 leader_length=float(group["leader_length_m"].iloc[0]),
@@ -126,7 +123,7 @@ def lanes(data: Path) -> Iterator[FollowingTrack]:
     ahead = table.merge(car, left_on=["period", "preceding"], right_on=["period", "vehicle_id"], suffixes=("", "_car"))
     ahead = ahead.rename(columns={"preceding": "leader", "preceding_y_m": "leader_front"})
     for _, group in ahead.sort_values("frame").groupby(["period", "lane", "vehicle_id"]):
-        yield from _behind("i80", LANES, group)
+        yield from _behind("i80", group)
 
 
 def vehicles(data: Path) -> Iterator[FollowingTrack]:
@@ -135,10 +132,10 @@ def vehicles(data: Path) -> Iterator[FollowingTrack]:
     table = read_table(data / VEHICLES, needed)  # a headway of 0 is none
     ahead = table.assign(leader=-1, leader_front=table["local_y_m"] + table["space_headway_m"])
     for _, group in ahead.sort_values("frame").groupby(["period", "vehicle_id"]):
-        yield from _behind("us101", VEHICLES, group)
+        yield from _behind("us101", group)
 
 
-def _behind(site: str, source: str, group: pd.DataFrame) -> Iterator[FollowingTrack]:
+def _behind(site: str, group: pd.DataFrame) -> Iterator[FollowingTrack]:
     """Yields the tracks of a vehicle, cut where its leader changes, jumps, or is too near or far.
 
     `group` has its rows, and in columns `leader` and `leader_front` [m] those of its leader.
@@ -153,7 +150,6 @@ def _behind(site: str, source: str, group: pd.DataFrame) -> Iterator[FollowingTr
         yield FollowingTrack(
             site=site,
             period=int(group["period"].iloc[0]),
-            source=source,
             follower=int(group["vehicle_id"].iloc[0]),
             leader=int(leader[run.start]),
             leader_length=CAR_LENGTH,

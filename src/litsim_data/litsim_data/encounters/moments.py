@@ -84,7 +84,6 @@ def _following(situation: Situation, row: int, ahead: int, part: slice) -> Follo
     return FollowingTrack(
         site="",
         period=0,
-        source="",
         follower=int(log.ids[row]),
         leader=int(log.ids[ahead]),
         leader_length=float(log.length[ahead]),
