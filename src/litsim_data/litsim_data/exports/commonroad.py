@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.exports.export import Content, Export, add, write_xml
-from litsim_data.maps.lane_graph import around, turn
+from litsim_data.maps.lane_graph import around, turn, turn_of
 from litsim_sim.core.scene import STEP_S, FloatArray, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -137,8 +137,7 @@ def _add_intersections(root: ET.Element, lanes: tuple[Lane, ...], number: dict[s
             _add_refs(incoming, incomingLanelet=[number[lane.id] for lane in members])
             ways: dict[str, list[int]] = {"right": [], "straight": [], "left": []}
             for name in dict.fromkeys(name for lane in members for name in lane.successors if name in inside):
-                begin, end = np.arctan2(*np.diff(inside[name].centerline, axis=0)[[0, -1]].T[::-1])
-                ways[turn(end - begin, TURN)].append(number[name])
+                ways[turn_of(inside[name].centerline, TURN)].append(number[name])
             _add_refs(incoming, **{f"successors{way.title()}": numbers for way, numbers in ways.items()})
 
 

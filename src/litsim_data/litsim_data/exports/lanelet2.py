@@ -17,7 +17,7 @@ import numpy as np
 from scipy.cluster.hierarchy import DisjointSet
 
 from litsim_data.exports.export import Content, Export
-from litsim_data.maps.lane_graph import around, turn
+from litsim_data.maps.lane_graph import around, turn_of
 from litsim_data.maps.map_projector import PROJECTOR_FILE
 from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
@@ -108,7 +108,7 @@ class _Lanelets:
             "litsim_lane": lane.id,
         }
         if _junction(lane) in self._crossings:
-            attributes["turn_direction"] = _turn(lane)
+            attributes["turn_direction"] = turn_of(lane.centerline, TURN)
         for name, value in attributes.items():
             lanelet.attributes[name] = value
         for link in self._links[lane.id]:
@@ -187,9 +187,3 @@ def _crossings(lanes: Iterable[Lane]) -> set[str]:
             elif here and not there.startswith(":"):
                 ways[here][1].add(there)
     return {name for name, (come, go) in ways.items() if len(come) > 1 and len(go) > 1}
-
-
-def _turn(lane: Lane) -> str:
-    """Where a lane inside an intersection leads, as Autoware's attribute `turn_direction` has it."""
-    begin, end = np.arctan2(*np.diff(lane.centerline, axis=0)[[0, -1]].T[::-1])
-    return turn(end - begin, TURN)

@@ -81,7 +81,7 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> list[s
         texts |= {
             "speed": _speed(table, moves, mapping) or _fast(table, mapping),
             "acceleration": _acceleration(table, mapping),
-            "heading": _across(moves, mapping) or _heading(table, moves, mapping),
+            "heading": _across(_moving(moves), mapping) or _heading(table, _moving(moves), mapping),
             "side": _mirrored(table),
         }
     findings = {name: f"{text} (check {name})" for name, text in texts.items() if text}
@@ -253,10 +253,9 @@ def _degrees(table: pd.DataFrame, mapping: Mapping) -> str:
 
 def _across(moves: pd.DataFrame, mapping: Mapping) -> str:
     """Checks, for reference box_corner, that vehicles drive along the x axis of the file."""
-    moves = moves[moves["way"] > MOVING * moves["dt"]]
     if mapping.reference != "box_corner" or len(moves) < ROWS_MIN:
         return ""
-    motion = np.arctan2(moves["dy"].to_numpy(), moves["dx"].to_numpy()) - np.deg2rad(mapping.transform.yaw_deg)
+    motion = moves["course"].to_numpy() - np.deg2rad(mapping.transform.yaw_deg)
     across = float((np.abs(np.sin(motion)) > np.sin(HEADING_MAX)).mean())
     if across <= ACROSS_MAX:
         return ""
@@ -268,12 +267,9 @@ def _across(moves: pd.DataFrame, mapping: Mapping) -> str:
 
 def _heading(table: pd.DataFrame, moves: pd.DataFrame, mapping: Mapping) -> str:
     """Checks that headings agree with the direction of motion."""
-    if "yaw" not in table:
+    if "yaw" not in table or len(moves) < ROWS_MIN:
         return ""
-    moves = moves[moves["way"] > MOVING * moves["dt"]]
-    if len(moves) < ROWS_MIN:
-        return ""
-    motion, yaw = np.arctan2(moves["dy"].to_numpy(), moves["dx"].to_numpy()), moves["yaw"].to_numpy()
+    motion, yaw = moves["course"].to_numpy(), moves["yaw"].to_numpy()
     error, off = _apart(yaw, motion), _off(yaw, motion)
     angle, there = _in_file(yaw, motion, mapping)
     fits = []
@@ -348,10 +344,8 @@ def off_their_motion(table: pd.DataFrame, mapping: Mapping) -> list[int]:
         return []
     step = steps(table, 1)["dt"]
     apart = max(1, round(CHANGE_S / max(float(step[step > 0].median()), STEP_RANGE_S[0]))) if (step > 0).any() else 1
-    moves = steps(table, apart)
-    moves = moves[moves["way"] > MOVING * moves["dt"]]
-    motion = np.arctan2(moves["dy"].to_numpy(), moves["dx"].to_numpy())
-    yaw = moves["yaw"].to_numpy()
+    moves = _moving(steps(table, apart))
+    motion, yaw = moves["course"].to_numpy(), moves["yaw"].to_numpy()
     off = moves[np.abs(wrap_angle(motion - yaw)) > SIDEWAYS]
     if off.empty:
         return []
@@ -402,16 +396,21 @@ def steps(table: pd.DataFrame, apart: int, clock: str = "t") -> pd.DataFrame:
 
     Returns:
         The rows at which steps begin, with the changes `dt` of the column `clock`, and `dx` and `dy` of the position;
-        `way`, the distance; and `mean_speed`, of both rows, if the table has speeds.
+        `way` and `course`, the distance and direction [rad]; and `mean_speed`, of both rows, if the table has speeds.
     """
     vehicle = table["vehicle_id"].to_numpy()
     same = vehicle[apart:] == vehicle[:-apart]
     begin, end = table.iloc[:-apart][same], table.iloc[apart:][same]
     dt, dx, dy = (end[name].to_numpy(np.float64) - begin[name].to_numpy(np.float64) for name in (clock, "x", "y"))
-    moves = begin.assign(dt=dt, dx=dx, dy=dy, way=np.hypot(dx, dy))
+    moves = begin.assign(dt=dt, dx=dx, dy=dy, way=np.hypot(dx, dy), course=np.arctan2(dy, dx))
     if "speed" in table:
         moves["mean_speed"] = 0.5 * (end["speed"].to_numpy() + begin["speed"].to_numpy())
     return moves
+
+
+def _moving(moves: pd.DataFrame) -> pd.DataFrame:
+    """Returns the :func:`steps` whose direction is reliable."""
+    return moves[moves["way"] > MOVING * moves["dt"]]
 
 
 def _apart(angles: FloatArray, others: FloatArray) -> float:
@@ -444,8 +443,7 @@ def sides(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
     moving = moving[(moving["dt"] > 0) & (moving["way"] > np.maximum(MOVING * moving["dt"], NEXT_MIN))]
     instant = np.round(moving["t"].to_numpy() / INSTANT_S).astype(np.int64)
     every = max(1, len(np.unique(instant)) // INSTANTS)
-    moving = moving.assign(instant=instant, course=np.arctan2(moving["dy"], moving["dx"]))  # to the next row [rad]
-    moving = moving[instant % every == 0].drop_duplicates(["vehicle_id", "instant"])
+    moving = moving.assign(instant=instant)[instant % every == 0].drop_duplicates(["vehicle_id", "instant"])
     ids, x, y, instant, course, lane = (
         moving[name].to_numpy() for name in ("vehicle_id", "x", "y", "instant", "course", "lane")
     )

@@ -226,6 +226,12 @@ def without_repeats(line: FloatArray) -> FloatArray:
     return line[np.concatenate([[True], np.hypot(*np.diff(line[:, :2], axis=0).T) > REPEATED])]
 
 
+def turn_of(line: FloatArray, least: float) -> str:
+    """Returns which of TURNS a line (k, 2) takes, by how it turns from its beginning to its end; see :func:`turn`."""
+    begin, end = np.arctan2(*np.diff(line, axis=0)[[0, -1]].T[::-1])
+    return turn(end - begin, least)
+
+
 def turn(angle: float, least: float) -> str:
     """Returns which of TURNS a change of heading is, which is one from `least` on [rad]."""
     turned = float(wrap_angle(np.array(angle)))

@@ -18,6 +18,7 @@ from matplotlib.patches import Patch
 
 from litsim_data.maps.check import NetCheck
 from litsim_data.maps.placement import Miss
+from litsim_data.pictures.plan_view import frame_stretched, plain
 from litsim_sim.core.colours import INK
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
@@ -28,7 +29,7 @@ from litsim_sim.lane_map.net_lanes import Lane
 DPI = 110
 WIDTH, LEGEND = 14.0, 0.9  # [inch] width of the picture, and height of the legend
 HEIGHTS = (2.5, 8.0)  # [inch] bounds of the overview's height
-STRETCHED = 0.15  # height to width below which y is stretched: a straight motorway would be a hairline
+STRETCHED = 0.15  # height to width below which y is stretched
 DETAILS = 4  # most places that are drawn enlarged
 DETAIL_M = 40.0  # [m] side of each
 PLACES_APART = 40.0  # [m] smallest distance between them
@@ -53,9 +54,7 @@ def draw(path: Path, lane_map: LaneMap, parts: Mapping[str, pd.DataFrame], check
     low, high = _extent(lane_map, tables)
     figure, overview, details = _panels((high - low)[1] / (high - low)[0], len(misses))
     _scene(overview, lane_map, tables, check)
-    tall = (high - low)[1] > STRETCHED * (high - low)[0]
-    overview.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal" if tall else "auto")
-    overview.set(xlabel="x [m]", ylabel="y [m]" if tall else "y [m], stretched")
+    frame_stretched(overview, low, high, STRETCHED)
     shares = [f"{name}: {part.inside:.1%} on lanes" for name, part in check.placements.items()]
     more = f" and {len(shares) - 4} more" if len(shares) > 4 else ""
     overview.set_title(", ".join(shares[:4]) + more, loc="left", fontsize=10, color=INK)
@@ -138,17 +137,9 @@ def _scene(axes: Axes, lane_map: LaneMap, tables: list[pd.DataFrame], check: Net
     ):
         points = np.array([lane_map.lanes[lane_map.row(name)].centerline[vertex] for name in names]).reshape(-1, 2)
         axes.plot(*points.T, marker, ms=8, mfc=colour, mec="white", ls="none", zorder=5)
-    axes.plot(
-        [c.x for c in connectivity.crossings],
-        [c.y for c in connectivity.crossings],
-        "x",
-        ms=9,
-        mew=2.5,
-        color=CROSSES,
-        zorder=5,
-    )
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=INK, labelsize=8)
+    places = np.array([(crossing.x, crossing.y) for crossing in connectivity.crossings]).reshape(-1, 2)
+    axes.plot(*places.T, "x", ms=9, mew=2.5, color=CROSSES, zorder=5)
+    plain(axes)
 
 
 def _lines(x: FloatArray, y: FloatArray, new: np.ndarray, colour: str, order: int) -> LineCollection:

@@ -19,6 +19,7 @@ from litsim_sim.core.signals import SignalState
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.lane_crossings import lane_crossings
 from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.signal_links import stop_line_parts
 from litsim_sim.scenario.signals import Signals
 
 NEAR = 15.0  # [m] distance from a crossing of lanes within which a path goes over it
@@ -85,19 +86,9 @@ def draw_lanes(axes: Axes, lane_map: LaneMap, **style: Any) -> None:
 
 def draw_stop_lines(axes: Axes, signals: Signals, step: int) -> None:
     """Draws the stop lines, the part of each connection in the colour of its signal at `step`."""
-    by_lane: dict[str, list[int]] = {}
-    for k, link in enumerate(signals.links):
-        by_lane.setdefault(link.from_lane, []).append(k)
-    shown = signals.table(step).state
-    for links in by_lane.values():
-        turn = [np.sin(signals.links[k].exit_heading - signals.links[k].heading) for k in links]
-        for place, k in enumerate(np.array(links)[np.argsort(turn)[::-1]].tolist()):  # from left to right
-            link = signals.links[k]
-            left = np.array([-np.sin(link.heading), np.cos(link.heading)])
-            ends = link.stop + link.width * (0.5 - np.array([place, place + 1]) / len(links))[:, None] * left
-            colour = LIGHTS[SignalState(int(shown[signals.link_group[k]]))]
-            axes.plot(*ends.T, color=INK, lw=6.0, solid_capstyle="butt", zorder=2)
-            axes.plot(*ends.T, color=colour, lw=4.0, solid_capstyle="butt", zorder=3)
+    for ends, state in zip(stop_line_parts(signals.links), signals.of_links(step)[0].tolist(), strict=True):
+        axes.plot(*ends.T, color=INK, lw=6.0, solid_capstyle="butt", zorder=2)
+        axes.plot(*ends.T, color=LIGHTS[SignalState(state)], lw=4.0, solid_capstyle="butt", zorder=3)
 
 
 def paths(steps: Steps, area: Area) -> dict[Controller, list[FloatArray]]:
@@ -149,6 +140,22 @@ def draw_boxes(axes: Axes, table: AgentTable, colours: list[str], **style: Any) 
     style = {"facecolors": colours, "edgecolors": INK, "linewidths": 0.7, "zorder": 6} | style
     axes.add_collection(PolyCollection(list(corners), **style))
     axes.add_collection(LineCollection(list(corners[:, [0, 3]]), colors=INK, linewidths=1.8, zorder=7, **seen))
+
+
+def plain(axes: Axes) -> None:
+    """Draws `axes` without lines above and to the right, and with small figures."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(colors=INK, labelsize=8)
+
+
+def frame_stretched(axes: Axes, low: FloatArray, high: FloatArray, least: float) -> None:
+    """Limits `axes` to `low` and `high` (2,) [m]; y is stretched below a share `least` of the width.
+
+    A straight motorway would be a hairline in true proportions.
+    """
+    tall = (high - low)[1] > least * (high - low)[0]
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal" if tall else "auto")
+    axes.set(xlabel="x [m]", ylabel="y [m]" if tall else "y [m], stretched")
 
 
 def frame(axes: Axes, area: Area) -> None:

@@ -19,7 +19,17 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure, FigureBase
 
-from litsim_data.pictures.plan_view import NEAR, Area, draw_boxes, draw_lanes, draw_signals, draw_stop_lines, groups_in
+from litsim_data.pictures.plan_view import (
+    NEAR,
+    Area,
+    draw_boxes,
+    draw_lanes,
+    draw_signals,
+    draw_stop_lines,
+    frame_stretched,
+    groups_in,
+    plain,
+)
 from litsim_data.pictures.plan_view import frame as show_area
 from litsim_sim.core.colours import INK
 from litsim_sim.core.errors import InputError
@@ -140,7 +150,7 @@ def _intersection(recording: Recording, lane_map: LaneMap, signals: Signals | No
         if signals is not None:
             draw_stop_lines(axes, signals, at or 0)
         show_area(axes, area)
-        _plain(axes)
+        plain(axes)
     figure.colorbar(
         ScalarMappable(speeds, SPEEDS), ax=plans, label="speed [m/s]", shrink=0.8, pad=0.01, aspect=20 * len(plans)
     )
@@ -150,7 +160,7 @@ def _intersection(recording: Recording, lane_map: LaneMap, signals: Signals | No
         for step in shown:
             lower.axvline(step * STEP_S, color=INK, lw=1.2)
         lower.set_title(f"Signals; time from frame {first}", loc="left", fontsize=9, color=INK)
-        _plain(lower)
+        plain(lower)
     else:
         plans[0].set_title("no signals are known", loc="left", fontsize=9, color=INK)
     return figure
@@ -207,7 +217,7 @@ def _space_time(
         name = f"lane {number}" if number >= 0 else "lane unknown"
         axis.set_title(f"{name}{', opposite direction' if against else ''}", loc="left", fontsize=9, color=INK)
         axis.set_ylabel("along [m]", fontsize=8)
-        _plain(axis)
+        plain(axis)
     if len(groups) > len(shown):
         axes[0].set_title(f"the {len(shown)} busiest of {len(groups)} lanes", loc="right", fontsize=9, color=INK)
     axes[0].set(xlim=(0.0, max(STEP_S, float(time.max()))), ylim=(float(along.min()) - 1.0, float(along.max()) + 1.0))
@@ -225,12 +235,9 @@ def _tracks(axes: Axes, table: pd.DataFrame, lane_map: LaneMap | None) -> None:
         colour = f"C{(number - 1) % 10}" if number >= 0 else UNKNOWN_LANE
         axes.add_collection(LineCollection(pieces, colors=colour, linewidths=0.5, alpha=0.6))
         axes.plot([], [], color=colour, label=f"lane {number}" if number >= 0 else "lane unknown")
-    low, high = points.min(axis=0) - 5.0, points.max(axis=0) + 5.0
-    tall = (high - low)[1] > 0.2 * (high - low)[0]  # a straight motorway would be a hairline in true proportions
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal" if tall else "auto")
-    axes.set(xlabel="x [m]", ylabel="y [m]" if tall else "y [m], stretched")
+    frame_stretched(axes, points.min(axis=0) - 5.0, points.max(axis=0) + 5.0, 0.2)
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=12, frameon=False, fontsize=8)
-    _plain(axes)
+    plain(axes)
 
 
 def _pieces(table: pd.DataFrame, rows: BoolArray, points: FloatArray) -> tuple[FloatArray, np.ndarray]:
@@ -244,8 +251,3 @@ def _pieces(table: pd.DataFrame, rows: BoolArray, points: FloatArray) -> tuple[F
     joined = (vehicle[chosen[1:]] == vehicle[chosen[:-1]]) & (np.diff(frame[chosen]) == stride)
     begin, end = chosen[:-1][joined], chosen[1:][joined]
     return np.stack([points[begin], points[end]], axis=1), begin
-
-
-def _plain(axes: Axes) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=INK, labelsize=8)

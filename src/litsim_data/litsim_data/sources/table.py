@@ -31,7 +31,7 @@ class MappedTable(Source):
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:  # noqa: ARG002 - a table has no map
         """See :class:`.source.Source`."""
         mapping = self._mapping
-        name, about = _name(mapping.name), (mapping.licence, mapping.source)
+        name, about = re.sub(r"[^\w+=-]+", "_", mapping.name), (mapping.licence, mapping.source)
         signals = self._file.parent / mapping.signals if mapping.signals else None
         tracks = open_tables([path, *self._more], mapping.repeated)
         yield Scene(name, tracks, mapping, signals_file=signals, about=about)
@@ -54,10 +54,6 @@ class PublishedTable(Source):
         file, mapping = known
         named = mapping.model_copy(update={"name": f"{mapping.name}_{path.name.partition('.')[0]}"})
         yield from MappedTable(named, file).read(path, lanes)
-
-
-def _name(text: str) -> str:
-    return re.sub(r"[^\w+=-]+", "_", text)
 
 
 class Neutral(ReadySource):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from litsim_data.traffic.drivers import Fleet
+from litsim_data.traffic.motion import Smoothness
 from litsim_data.traffic.traffic import Bottleneck, Route, Site
 
 MAIN_FLOW, RAMP_FLOW, LEAVING_SHARE = 9100.0, 350.0, 0.05  # [1/h], [1/h]; NGSIM US-101, 07:50
@@ -26,10 +27,7 @@ US101_LIKE = Site(
     window=(120.0, -40.0, 520.0, 10.0),
     bottleneck=Bottleneck(x=590.0, speed=14.0, swing=3.0, period=50.0),
     warm_up_s=180.0,
-    path_filter=7.0,
-    offset=0.25,
-    wander=0.12,
-    unsteadiness=0.4,
+    smoothness=Smoothness(7.0, offset=0.25, wander=0.12, unsteadiness=0.4),
     lane_of_edge={"on_ramp": 6, "off_ramp": 6},
 )
 
@@ -71,10 +69,7 @@ URBAN_LIKE = Site(
     window=(-225.0, -125.0, 225.0, 125.0),
     bottleneck=None,
     warm_up_s=150.0,
-    path_filter=6.0,
-    offset=0.15,
-    wander=0.08,
-    unsteadiness=0.15,
+    smoothness=Smoothness(6.0, offset=0.15, wander=0.08, unsteadiness=0.15),
 )
 
 SITES = {site.name: site for site in (US101_LIKE, URBAN_LIKE)}

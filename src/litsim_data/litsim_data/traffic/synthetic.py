@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from litsim_data.cleaning.report import overlaps
-from litsim_data.traffic.motion import Smoothness, smooth_motion
+from litsim_data.traffic.motion import smooth_motion
 from litsim_data.traffic.sites import US101_LIKE
 from litsim_data.traffic.traffic import Observation, Site, observe
 from litsim_sim.core.errors import InputError
@@ -131,8 +131,7 @@ def _track(
 ) -> pd.DataFrame:
     """Returns the rows of one vehicle in the window, in the neutral schema without lane."""
     body = observation.vehicles[vehicle]
-    kind = Smoothness(site.path_filter, site.offset, site.wander, unsteadiness=site.unsteadiness)
-    driver = kind.for_driver(np.random.default_rng([seed, vehicle]))
+    driver = site.smoothness.for_driver(np.random.default_rng([seed, vehicle]))
     if centred:
         driver = replace(driver, offset=0.0, wander=0.0)
     motion = smooth_motion(observation.front[vehicle], observation.speed[vehicle], body.length, driver)

@@ -15,6 +15,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from litsim_data.traffic.drivers import Fleet, Vehicle, draw_vehicle, vehicle_type
+from litsim_data.traffic.motion import Smoothness
 from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.scenario.scenario import packaged
 
@@ -67,9 +68,7 @@ class Site:
         window: (x min, y min, x max, y max) within which box centres are recorded [m].
         bottleneck: the bottleneck; None if signals hold the traffic up.
         warm_up_s: simulated time before the observation [s].
-        path_filter: standard deviation of the filter on paths, except in turns [m].
-        offset, wander: spread of the drivers' offsets from the lane's centre, and amplitude of their wandering [m].
-        unsteadiness: standard deviation of the way by which a driver is ahead of, or behind, a steady one [m].
+        smoothness: of paths, except in turns, and of drivers, whose offsets spread as it says.
         lane_of_edge: lane number of edges where it is not the place from the left: ramps continue the auxiliary lane.
     """
 
@@ -79,10 +78,7 @@ class Site:
     window: tuple[float, float, float, float]
     bottleneck: Bottleneck | None
     warm_up_s: float
-    path_filter: float
-    offset: float
-    wander: float
-    unsteadiness: float
+    smoothness: Smoothness
     lane_of_edge: Mapping[str, int] = field(default_factory=dict)
 
     @property
