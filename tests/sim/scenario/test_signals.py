@@ -63,7 +63,7 @@ def test_changes_count_from_frame_0_of_the_recording(build: Callable[..., Scenar
     assert signals.link_group.tolist() == [0, 0, 0, 1]
     assert shown(signals, "east") == [(0, "AMBER"), (11, "RED")]  # the scenario begins at frame 20, 2.0 s
     assert shown(signals, "left") == [(0, "RED"), (20, "GREEN")]
-    assert signals.table(11).stop.tolist() == [True, True]
+    assert signals.table(11).state.tolist() == [SignalState.RED] * 2
     assert signals.table(1000).state.tolist() == signals.table(60).state.tolist()
 
 

@@ -115,7 +115,10 @@ class Limits(BaseModel):
             if isinstance(value, str | bool):
                 return False
             return (self.min is None or value >= self.min) and (self.max is None or value <= self.max)
-        return any(_equal(value, expected) for expected in (self.one_of or (self.equals,)))
+        allowed = [
+            limit for limit in (self.one_of or (self.equals,)) if isinstance(limit, bool) == isinstance(value, bool)
+        ]
+        return value in allowed
 
 
 def _check_kinds(criterion: Limits, field: MetricField) -> None:
@@ -307,10 +310,6 @@ class CriterionResult:
 def counted(value: Any) -> Value | None:
     """Returns the value of a measure for criteria and tables: the length of a list; None for what is none."""
     return float(len(value)) if isinstance(value, list) else value if isinstance(value, Value) else None
-
-
-def _equal(a: Value, b: Value | None) -> bool:
-    return a == b and isinstance(a, bool) == isinstance(b, bool)
 
 
 def _as_text(value: Value | None) -> str:

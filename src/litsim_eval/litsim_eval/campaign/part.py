@@ -55,10 +55,9 @@ class Part:
         part = list(cases)
         for name in self.names:
             if not any(_is_called(case, name) for case in part):
-                near = get_close_matches(name, [case.name for case in cases], n=3, cutoff=0.4)
-                raise InputError(
-                    f"--case {name}: no such case, expected names such as {', '.join(near or _some(cases))}"
-                )
+                names = [case.name for case in cases]
+                near = get_close_matches(name, names, n=3, cutoff=0.4) or names[:2]
+                raise InputError(f"--case {name}: no such case, expected names such as {', '.join(near)}")
         if self.names:
             part = [case for case in part if any(_is_called(case, name) for name in self.names)]
         if self.tags:
@@ -171,7 +170,3 @@ def _is_small_hard(field: str) -> bool:
 def _check(cases: Sequence[Case], option: str, expected: str) -> None:
     if not cases:
         raise InputError(f"{option}: no case is left, expected {expected}")
-
-
-def _some(cases: Sequence[Case]) -> list[str]:
-    return [case.name for case in cases[:2]]

@@ -32,18 +32,17 @@ DATA_MAX = 8_000_000  # most characters of packed data; the page must stay below
 THINNING = (1, 2, 5, 10)  # steps between forecasts, tried in this order until the data fit
 
 
-def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | None = None) -> Path:
+def write_report(bag: Path, out: Path | None = None) -> Path:
     """Writes the report of the run in `bag` (folder or MCAP file), and returns the path of the page.
 
-    That is `out`, by default `report.html` beside the bag; a verdict in an earlier report is kept. `metrics` are the
-    measures of the run, if computed already.
+    That is `out`, by default `report.html` beside the bag; a verdict in an earlier report is kept.
 
     Raises:
         InputError: `bag` is not a LitSim run, or the page cannot be written.
     """
     run = read_run(bag)
     path = out or run.path.parent / REPORT_FILE
-    write_text(path, render(run, compute_metrics(run) if metrics is None else metrics, verdict_in(path)))
+    write_text(path, render(run, compute_metrics(run), verdict_in(path)))
     return path
 
 

@@ -35,21 +35,19 @@ def figures_table(head: Sequence[str], rows: Iterable[Sequence[str]], **options:
     return table
 
 
-def print_metrics(metrics: dict[str, Any], console: Console | None = None) -> None:
+def print_metrics(metrics: dict[str, Any]) -> None:
     """Prints the measures that have a title."""
-    console = console or Console()
     title = "{run_id}: {scenario}, ego {ego}, policy {policy}, seed {seed}".format(**metrics)
     table = Table(title=title, title_justify="left", show_header=False, box=None, pad_edge=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
     for name, value in _rows(metrics):
         table.add_row(Text(name), Text(value))
-    console.print(table)
+    Console().print(table)
 
 
-def print_ledger(metrics: dict[str, Any], ego: int, console: Console | None = None) -> None:
+def print_ledger(metrics: dict[str, Any], ego: int) -> None:
     """Prints every contact of the vehicle `ego` that has a verdict, and every takeover, as the page has them."""
-    console = console or Console()
     contacts = contact_table(metrics, STEP_S, ego)
     judged = EventTable(contacts.head, tuple(row for row in contacts.rows if NOTHING not in row.cells))
     takeovers = takeover_table(metrics["ledger"], STEP_S, ego)
@@ -58,7 +56,7 @@ def print_ledger(metrics: dict[str, Any], ego: int, console: Console | None = No
             table = Table(*events.head, title=title, title_justify="left", box=None, pad_edge=False)
             for row in events.rows:
                 table.add_row(*row.cells)
-            console.print("", table)
+            Console().print("", table)
 
 
 def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:

@@ -135,7 +135,10 @@ def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Met
         outcomes |= _run_batched({k: plans[k] for k in together}, folders)
     for k, case in enumerate(cases):
         if k not in outcomes:
-            outcomes[k] = _alone(case, folders[k])
+            try:
+                outcomes[k] = run_in_process(case, folders[k])
+            except Exception as error:  # noqa: BLE001 - as above
+                outcomes[k] = reason(error)
     return [outcomes[k] for k in range(len(cases))]
 
 
@@ -164,10 +167,3 @@ def _run_batched(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> d
         return {k: measured(run, folders[k]) for k, run in zip(plans, runs, strict=True)}
     except Exception:  # noqa: BLE001 - on its own, each run reports its own error
         return {}
-
-
-def _alone(case: Case, folder: Path | None) -> MetricsOrReason:
-    try:
-        return run_in_process(case, folder)
-    except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
-        return reason(error)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-import numpy as np
-
-from litsim_sim.core.scene import BoolArray, ByteArray
+from litsim_sim.core.scene import ByteArray
 
 
 class SignalState(IntEnum):
@@ -69,11 +67,3 @@ class SignalTable:
     step: int
     group: tuple[str, ...]
     state: ByteArray
-
-    def __len__(self) -> int:
-        return len(self.group)
-
-    @property
-    def stop(self) -> BoolArray:
-        """(g,) groups that forbid passing."""
-        return np.isin(self.state, STOP_STATES)

@@ -6,6 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Any
 
 import yaml
@@ -252,7 +253,8 @@ class BridgeNode(Node):
             if self.port.remarks:
                 self._diagnostics.remarks(self.responses.step)
                 if self.plan.ego == EXTERNAL and (rivals := rivalry(self.port, self._ego_publishers())):
-                    raise RunFailed(rivalry(self.port, self._named_ego_publishers()) or rivals)  # one may have gone
+                    named = once_named(self._ego_publishers, attrgetter("node"))
+                    raise RunFailed(rivalry(self.port, named) or rivals)  # one may have gone
             self.liveness.check()
             self._visits.check(self._owners)
             if time.monotonic() > self._watched + WATCH_S:
@@ -284,10 +286,6 @@ class BridgeNode(Node):
         nodes = (publisher.node for publisher in publishers)
         self._ego_nodes = list(dict.fromkeys(filter(None, nodes))) or self._ego_nodes
         return publishers
-
-    def _named_ego_publishers(self) -> list[EgoPublisher]:
-        """Returns the announced publishers on the ego port's topics once the names of their nodes are known."""
-        return once_named(self._ego_publishers, lambda publisher: publisher.node)
 
     def _status(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> StageStatus:
         return messages.status(self.plan.run_id, BRIDGE, state, step, compute_time, text)

@@ -74,13 +74,10 @@ class ReplayNode(Node):
         return True
 
     def _check(self, parameters: list[Any]) -> Any:
-        fault = next((self._beyond(p.value) for p in parameters if p.name == SEEK), "")  # rclpy has checked their types
+        last = self.player.duration_s
+        beyond = [p.value for p in parameters if p.name == SEEK and not 0.0 <= p.value <= last]  # of the right type
+        fault = f"{SEEK} is {beyond[0]:g}, expected 0 to {last:g} s" if beyond else ""
         return SetParametersResult(successful=not fault, reason=fault)
-
-    def _beyond(self, position_s: float) -> str:
-        """Returns a text that says that a position is not in the bag; empty if it is."""
-        inside = 0.0 <= position_s <= self.player.duration_s
-        return "" if inside else f"{SEEK} is {position_s:g}, expected 0 to {self.player.duration_s:g} s"
 
     def _apply(self, parameters: list[Any]) -> None:
         for parameter in parameters:
@@ -90,10 +87,8 @@ class ReplayNode(Node):
     def _on_pause(self, request: Any, response: Any) -> Any:
         now = time.monotonic()
         self.player.pause(request.data, now)
-        response.success, response.message = (
-            True,
-            f"at {self.player.position_s(now):.1f} of {self.player.duration_s:.1f} s",
-        )
+        response.success = True
+        response.message = f"at {self.player.position_s(now):.1f} of {self.player.duration_s:.1f} s"
         return response
 
 

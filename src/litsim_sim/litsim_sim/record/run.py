@@ -386,7 +386,7 @@ class _Content:
             for topic in (CONTROLS, TAKEOVERS, self._ego_topic)
             for name, read in OF_STEP[topic].items()
         }
-        for name, read in (("timing", attrgetter("compute_time")), ("marks", _marks)):
+        for name, read in (("timing", attrgetter("compute_time")), ("marks", lambda message: marks_of(message.text))):
             views[name] = {stage: self._view(TIMING, places, read) for stage, places in self._stages.items()}
         return views | {"minimum_risk": self.minimum_risk}
 
@@ -475,21 +475,12 @@ def _mission(messages: Mapping[str, Any]) -> Mission | None:
     )
 
 
-def _takeovers(message: Any) -> list[Takeover]:
-    return [*map(Takeover.of_message, message.takeovers)]
-
-
-def _detection(message: Any) -> Detection:
-    return Detection(int(message.iterations), bool(message.converged))
-
-
-def _marks(message: Any) -> dict[str, float]:
-    return marks_of(message.text)
-
-
 OF_STEP: dict[str, dict[str, Callable[[Any], Any]]] = {
     CONTROLS: {"controls": ControlTable.of_message},
-    TAKEOVERS: {"takeovers": _takeovers, "detections": _detection},
+    TAKEOVERS: {
+        "takeovers": lambda message: [*map(Takeover.of_message, message.takeovers)],
+        "detections": lambda message: Detection(int(message.iterations), bool(message.converged)),
+    },
     EGO_CONTROL: {"ego_commands": EgoCommand.of_message},
     EGO_APPLIED: {"ego_commands": EgoCommand.of_message},
 }

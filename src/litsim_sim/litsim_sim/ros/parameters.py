@@ -50,13 +50,10 @@ def refuse_parameters(node: Node) -> None:
 def parameters(node: Node) -> dict[str, Any]:
     """Returns the parameters of `node` by name, without those that rclpy declares; arrays as lists."""
     by_name = sorted(node.get_parameters_by_prefix("").items())
-    return {name: _plain(parameter.value) for name, parameter in by_name if name not in OF_EVERY_NODE}
+    values = {name: parameter.value for name, parameter in by_name if name not in OF_EVERY_NODE}
+    return {name: list(value) if isinstance(value, array | tuple) else value for name, value in values.items()}
 
 
 def parameters_yaml(node: Node) -> str:
     """Returns the node's current parameters by name, in YAML."""
     return yaml.safe_dump(parameters(node))
-
-
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, array | list | tuple) else value

@@ -23,7 +23,8 @@ class Perception:
 
     def of(self, table: AgentTable) -> AgentTable:
         """Returns what the ego is told of the agents of a step; of itself the truth."""
-        hidden = [phase.agent for phase in self._hidden if _is_hidden(phase, table.step)]
+        since = ((hide, table.step - round(hide.begin_s / STEP_S)) for hide in self._hidden)
+        hidden = [hide.agent for hide, step in since if 0 <= step < round(hide.duration_s / STEP_S)]
         told = table.take(~np.isin(table.id, hidden)) if hidden else table
         if not self._sigma:
             return told
@@ -37,8 +38,3 @@ class Perception:
             random = np.random.default_rng([self._seed, agent])
             self._errors[agent] = random.normal(scale=self._sigma, size=(self._steps, 2))
         return self._errors[agent]
-
-
-def _is_hidden(hide: Hide, step: int) -> bool:
-    begin = round(hide.begin_s / STEP_S)
-    return begin <= step < begin + round(hide.duration_s / STEP_S)

@@ -31,11 +31,9 @@ def stage_and_name(name: str) -> str:
     return name
 
 
-def _checked(values: dict[str, Any]) -> dict[str, Any]:
-    return {stage_and_name(name): value for name, value in values.items()}
-
-
-Parameters = Annotated[dict[str, Any], AfterValidator(_checked)]
+Parameters = Annotated[
+    dict[str, Any], AfterValidator(lambda values: {stage_and_name(name): value for name, value in values.items()})
+]
 """Values of parameters by `stage.name`."""
 
 
