@@ -115,14 +115,24 @@ def test_the_route_leads_to_a_goal_whatever_the_log_does(make_scenario: Callable
 @pytest.mark.parametrize(
     ("goal", "why"),
     [
-        ([0.0, 900.0, 0.0], "made: goal 0, 900, 0: no lane leads through it, expected a pose on a lane"),
-        ([-170.0, -8.25, 0.0], "made: goal -170, -8.25, 0: no way leads there from the ego at"),
-        ([-170.0, -4.95, 0.0], "made: goal -170, -4.95, 0: no way leads there from the ego at"),  # on the lane beside
+        ([0.0, 900.0, 0.0], "0, 900, 0 is on no lane in its direction, expected a pose on a lane"),
+        ([-170.0, -8.25, 0.0], "-170, -8.25, 0: no way leads there from the ego at"),
+        ([-170.0, -4.95, 0.0], "-170, -4.95, 0: no way leads there from the ego at"),  # on the lane beside
     ],
 )
 def test_a_goal_that_cannot_be_reached_is_refused(make_scenario: Any, goal: list[float], why: str) -> None:
-    with pytest.raises(InputError, match=why):
-        ego_mission(make_scenario(Turn(STRAIGHT, 15.0), net="urban_like", simulation_s=20.0, goal=goal))
+    """Before anything starts: the scenario cannot be loaded, nor taken with an ego that cannot reach it."""
+    with pytest.raises(InputError, match=rf"made\.yaml: field goal: {why}"):
+        make_scenario(Turn(STRAIGHT, 15.0), net="urban_like", simulation_s=20.0, goal=goal)
+
+
+def test_a_goal_that_another_ego_cannot_reach_is_refused(make_scenario: Any) -> None:
+    goal = pose_on(Turn(RIGHT_FROM_WA, 15.0).lanes[-1], 60.0)
+    both = Turn(STRAIGHT, 15.0), Turn(next(iter(STREET.lanes[STREET.row("BA_1")].successors)), 15.0, id=2)
+    scenario = make_scenario(*both, net="urban_like", simulation_s=20.0, goal=goal)
+    assert ego_mission(scenario).goal.tolist() == goal
+    with pytest.raises(InputError, match=r"made: field goal: .* no way leads there from the ego at"):
+        scenario.around(ego=2, seed=None)
 
 
 def pose_on(lane: Lane, s: float) -> list[float]:

@@ -8,14 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import STEP_S, BoolArray, Kind
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, Kind
 from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.lane_map.lane_routes import shortest_way
 from litsim_sim.scenario.changes import Cross, Enter, Inattentive, OfAll, Start
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario_file import ScenarioFile
 
 STANDING_M = 1.0  # [m] extent of the track of a vehicle below which it is parked
 DRIVING = 1.0  # [m/s] speed above which a heading is reliable
+ON_LANE = 3.0  # [m] beside the nearest lane, up to which a goal is on the road
 AGAINST_MAX = 0.5  # largest share of the positions of moving vehicles on lanes that lead the other way
 
 
@@ -85,6 +87,41 @@ def check_changes(file: ScenarioFile, log: Log, history_steps: int, where: str) 
             fault = f"begin_s: {change.begin_s:g} s, expected at least the history of {file.history_s:g} s"
         if fault:
             raise UnmetDemandError(Demand.EGO, f"{where}: field changes.{number}.{fault}")
+
+
+def check_goal(file: ScenarioFile, log: Log, lane_map: LaneMap, history_steps: int, where: str) -> None:
+    """Raise InputError if the goal, if any, is on no lane, or no way leads there from where the ego begins to drive."""
+    if file.goal is not None:
+        row = log.row(file.ego)
+        pose = np.array([values[row, history_steps] for values in (log.x, log.y, log.yaw)])
+        way_to_goal(np.array(file.goal), pose, lane_map, where)
+
+
+def way_to_goal(goal: FloatArray, pose: FloatArray, lane_map: LaneMap, where: str) -> tuple[list[int], float]:
+    """Returns the lanes of the shortest way to a goal, by position, and where on the first it begins [m].
+
+    Args:
+        goal: (3,) x, y [m], yaw [rad] of the box centre.
+        pose: (3,) the same where the ego begins to drive.
+        lane_map: lanes.
+        where: names the scenario in errors.
+
+    Raises:
+        InputError: the goal is on no lane, or no way leads there.
+    """
+    told = f"{where}: field goal: {', '.join(f'{value:g}' for value in goal)}"
+    place, begin = (lane_map.nearest(at[:1], at[1:2], at[2:]) for at in (goal, pose))
+    end, start = int(place.lane[0]), int(begin.lane[0])
+    if abs(float(place.d[0])) > ON_LANE or bool(place.against(goal[2:])[0]):
+        raise InputError(f"{told} is on no lane in its direction, expected a pose on a lane [m, m, rad]")
+    s = float(begin.s[0])
+    behind = lane_map.lanes[end].edge_id == lane_map.lanes[start].edge_id and float(place.s[0]) < s
+    way = [] if behind else shortest_way(lane_map, start, {end})
+    if not way:
+        raise InputError(
+            f"{told}: no way leads there from the ego at {pose[0]:.1f}, {pose[1]:.1f}, expected a pose ahead of it"
+        )
+    return way, s
 
 
 def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, where: str) -> float:

@@ -8,17 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.lane_routes import points_along, shortest_way
 from litsim_sim.lane_map.net_lanes import TOLERANCE
+from litsim_sim.scenario.checks import way_to_goal
 from litsim_sim.scenario.route import edges_of, logged_lanes
 from litsim_sim.scenario.scenario import Scenario
 
 HALF_LANE = 1.75  # [m] from the centre line of its lane, up to which a vehicle has not changed lanes
 ROUTE_LENGTH = 1000.0  # [m] length of the route
-ON_LANE = 3.0  # [m] beside the nearest lane, up to which a goal is on the road
 
 
 @dataclass(frozen=True)
@@ -57,9 +56,6 @@ def ego_mission(scenario: Scenario) -> Mission:
 
     The route begins where the ego is at step 0; if the ego changes lanes in the history, where it is when that is over.
     It goes on straight beyond the goal. Along the log it changes lanes only where its lane does not lead to the end.
-
-    Raises:
-        InputError: the goal that the scenario names is on no lane, or no way leads there.
     """
     log, lane_map, row = scenario.log, scenario.lane_map, scenario.log.row(scenario.ego_id)
     last, free = int(log.last_step[row]), scenario.history_steps
@@ -77,17 +73,8 @@ def ego_mission(scenario: Scenario) -> Mission:
 
 def _to_goal(scenario: Scenario, pose: FloatArray, goal: FloatArray) -> Mission:
     """Returns the mission from `pose` (3,) to `goal` (3,), both x, y [m], yaw [rad]."""
-    lane_map, where = scenario.lane_map, f"{scenario.name}: goal {', '.join(f'{value:g}' for value in goal)}"
-    place, begin = (lane_map.nearest(at[:1], at[1:2], at[2:]) for at in (goal, pose))
-    end, start = int(place.lane[0]), int(begin.lane[0])
-    if abs(float(place.d[0])) > ON_LANE or bool(place.against(goal[2:])[0]):
-        raise InputError(f"{where}: no lane leads through it, expected a pose on a lane [m, m, rad]")
-    on_edge = lane_map.lanes[end].edge_id == lane_map.lanes[start].edge_id
-    s, behind = float(begin.s[0]), on_edge and float(place.s[0]) < float(begin.s[0])
-    way = [] if behind else shortest_way(lane_map, start, {end})
-    if not way:
-        raise InputError(f"{where}: no way leads there from the ego at {pose[0]:.1f}, {pose[1]:.1f}")
-    return _over(lane_map, way, s, goal, 0.0)
+    way, s = way_to_goal(goal, pose, scenario.lane_map, scenario.name)
+    return _over(scenario.lane_map, way, s, goal, 0.0)
 
 
 def _along(

@@ -22,7 +22,7 @@ from litsim_sim.io.input_files import require_file
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.changes import Act, Delay, SignalsLater, acts, changed_recording, shifted_frames
-from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, check_changes, check_coverage
+from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, check_changes, check_coverage, check_goal
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
@@ -101,6 +101,7 @@ class Scenario:
         self.log = Log.from_recording(changed, self.start_frame, self.total_steps + 1)
         check_agents(self.file, self.log, self.history_steps, where)
         check_changes(self.file, self.log, self.history_steps, where)
+        check_goal(self.file, self.log, self.lane_map, self.history_steps, where)
         self.coverage = check_coverage(self.lane_map, self.net_path, self.log, file.coverage_min, where)
         signals = self.file.signals or recorded_signals(recording.header, self.net_path, file.recording)
         self.signals: Signals | None = None
@@ -147,6 +148,7 @@ class Scenario:
         changes = {name: value for name, value in changes.items() if value is not None}
         file = validate_yaml(self.file.model_dump() | changes, ScenarioFile, self.name, "")
         check_agents(file, self._on_all_levels[1], self.history_steps, self.name)
+        check_goal(file, self._on_all_levels[1], self.lane_map, self.history_steps, self.name)
         other = copy.copy(self)
         other.file = file
         other._leave_out_other_levels()  # noqa: SLF001 - of the same class
