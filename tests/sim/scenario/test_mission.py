@@ -128,7 +128,7 @@ def test_a_goal_that_cannot_be_reached_is_refused(make_scenario: Any, goal: list
 
 def test_a_goal_that_another_ego_cannot_reach_is_refused(make_scenario: Any) -> None:
     goal = pose_on(Turn(RIGHT_FROM_WA, 15.0).lanes[-1], 60.0)
-    both = Turn(STRAIGHT, 15.0), Turn(next(iter(STREET.lanes[STREET.row("BA_1")].successors)), 15.0, id=2)
+    both = Turn(STRAIGHT, 15.0), Turn(next(iter(STREET.lanes[STREET.row("AB_0")].successors)), 15.0, id=2)
     scenario = make_scenario(*both, net="urban_like", simulation_s=20.0, goal=goal)
     assert ego_mission(scenario).goal.tolist() == goal
     with pytest.raises(InputError, match=r"made: field goal: .* no way leads there from the ego at"):
