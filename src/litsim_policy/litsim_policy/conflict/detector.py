@@ -16,7 +16,7 @@ from litsim_policy.conflict.futures import Futures
 from litsim_policy.conflict.overlap import closing_overlaps, mixture_overlap_probability, quantile
 from litsim_policy.conflict.predicted_motion import PredictedMotion
 from litsim_sim.core.pair_geometry import behind_scene
-from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentArrays, BoolArray, FloatArray, IntArray
 from litsim_sim.core.takeover import TakeoverReason
 from litsim_sim.kernels.compiled import Bools, Ints2, kernel
 from litsim_sim.scenario.log import Log
@@ -146,7 +146,7 @@ class ConflictDetector:
             others = pairs[~(hit[0] | hit[1])[pairs[:, 0]]]
             if len(others):
                 one_of_each = others[probability_of(futures, others, first=True).any(axis=1)]
-                hit[self._overlap_in_log(futures.covered, one_of_each).astype(np.int64), one_of_each[:, 0]] = True
+                hit[self._overlap_in_log(futures, one_of_each).astype(np.int64), one_of_each[:, 0]] = True
         in_conflict[futures.rows[hit[0]]] = True
         again = pairs[hit[1][pairs[:, 0]]]  # that pair may be exempt, and another one not
         if len(again):
@@ -180,7 +180,7 @@ class ConflictDetector:
         covered = centres.copy()
         covered[pairs] = True
         futures.cover(covered, others if expected else np.zeros_like(others))
-        return futures.rows.searchsorted(pairs)
+        return futures.place[pairs]
 
     def _within_reach(self, futures: Futures, pairs: IntArray, least: float) -> IntArray:
         """Returns the `pairs` that can overlap, with a probability of at least `least` or closing fast."""
@@ -211,21 +211,17 @@ class ConflictDetector:
 
         `opponents` are the motions of the second of each pair.
         """
-        table = futures.covered
         some = np.flatnonzero(probability.any(axis=1))
-        for k in some[self._overlap_in_log(table, pairs[some])]:
+        for k in some[self._overlap_in_log(futures, pairs[some])]:
             i, j = pairs[k].tolist()
-            now = table.step + 1 + np.arange(probability.shape[1]) - futures.lag[i]
-            a, b = self.log.ids.searchsorted(table.id[[i, j]]).tolist()
+            now = futures.table.step + 1 + np.arange(probability.shape[1]) - futures.lag[i]
+            a, b = futures.log_rows[pairs[k]].tolist()
             probability[k, self._log_overlaps.exempt(a, b, now, opponents.x[j], opponents.y[j])] = 0.0
 
-    def _overlap_in_log(self, table: AgentTable, pairs: IntArray) -> BoolArray:
-        """Returns the mask (m,) of `pairs` of `table` that overlap at some step of the log, but not with the ego."""
-        if not len(pairs):
-            return np.zeros(0, np.bool_)
-        overlap: BoolArray = np.asarray(~table.of_ego[pairs].any(axis=1))
-        rows = overlap.nonzero()[0]
-        overlap[rows] = self._log_overlaps.any(self.log.ids.searchsorted(table.id[pairs[rows]]))
+    def _overlap_in_log(self, futures: Futures, pairs: IntArray) -> BoolArray:
+        """Returns the mask (m,) of `pairs` that overlap at some step of the log, but not with the ego."""
+        overlap: BoolArray = np.asarray(~futures.covered.of_ego[pairs].any(axis=1))
+        overlap[overlap] = self._log_overlaps.any(futures.log_rows[pairs[overlap]])
         return overlap
 
     def _first_of_each(

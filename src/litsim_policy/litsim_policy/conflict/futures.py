@@ -102,7 +102,9 @@ class Futures:
     Attributes:
         table: all n agents of the step.
         rows: (k,) rows in `table`, ascending, of the agents that are covered.
+        place: (n,) of each agent of `table` that is covered among these.
         covered: these agents.
+        log_rows: (k,) of them in the log.
         boxes: that they occupy now, which are assumed to continue as now for `ConflictConfig.closing_time`.
         lag: (k,) steps by which their logs lag.
         by_log: where their logs lead. An agent on its log keeps its present residual, if any; an agent off its log is
@@ -112,7 +114,9 @@ class Futures:
     """
 
     rows: IntArray
+    place: IntArray
     covered: AgentTable
+    log_rows: IntArray
     boxes: Boxes
     lag: IntArray
     by_log: PredictedMotion
@@ -156,8 +160,9 @@ class Futures:
         missing = agents & ~self._is_covered
         if not len(self.rows) or missing.any():
             self._is_covered |= missing
-            self.rows = self._is_covered.nonzero()[0]
+            self.rows, self.place = self._is_covered.nonzero()[0], self._is_covered.cumsum() - 1
             self.covered, self.lag = self.table.take(self.rows), self._lag[self.rows]
+            self.log_rows = self._log.ids.searchsorted(self.covered.id)
             self.boxes = self._boxes()
             self.by_log = self._by_log()
             self._asked |= expected
@@ -180,9 +185,8 @@ class Futures:
     def _by_log(self) -> PredictedMotion:
         """Returns the motion of the covered agents by their logs."""
         log, table = self._log, self.covered
-        rows, now = log.ids.searchsorted(table.id), table.step - self.lag
-        motion = log.x, log.y, log.yaw, log.valid
-        return PredictedMotion(*follow_logs(motion, rows, now, self._steps, table.x, table.y, ~table.off_log))
+        motion, now = (log.x, log.y, log.yaw, log.valid), table.step - self.lag
+        return PredictedMotion(*follow_logs(motion, self.log_rows, now, self._steps, table.x, table.y, ~table.off_log))
 
     def _expected(self, asked: BoolArray) -> PredictedMotion:
         """Returns the expected motion of the covered agents in the mask `asked` (n,); not valid for all others."""
@@ -406,13 +410,20 @@ def go_as_planned(
     not acted yet, from now on. The motion of a fresh agent is valid only where its forecast is. It has one mode, whose
     standard deviations are multiplied by `sigma_scale`.
     """
+    count = states.shape[1]
+    kept, along, across = np.empty(count), np.empty(count), np.empty(count)  # of an offset; variances
+    for t in range(count):
+        time = (t + 1) * STEP_S
+        kept[t] = math.exp(-time / SETTLE)
+        along[t] = (sigma_scale * (SIGMA_START + ALONG_LINEAR * time + ALONG_QUADRATIC * time**2)) ** 2
+        across[t] = (sigma_scale * (SIGMA_START + ACROSS_LINEAR * time)) ** 2
     for k in range(len(rows)):
         row, motion, known = rows[k], states[rows[k]], valid[rows[k]]
         speed, acceleration = agents.speed[row], agents.acceleration[row]
         hold, fade = (0.0, STEP_S) if fresh[k] else (HOLD, FADE)
         at_x, at_y, travelled = agents.x[row], agents.y[row], 0.0
         _, s_now, d_now = nearest(paths, k, at_x, at_y)
-        for t in range(len(motion)):
+        for t in range(count):
             travelled += math.hypot(motion[t, X] - at_x, motion[t, Y] - at_y)
             at_x, at_y = motion[t, X], motion[t, Y]
             time = (t + 1) * STEP_S
@@ -421,12 +432,10 @@ def go_as_planned(
                 share = min(max(1.0 - (time - hold) / fade, 0.0), 1.0)
                 gone = share * gone + (1.0 - share) * travelled
             on_x, on_y, ux, uy = place_at(paths, k, s_now + gone)
-            d = d_now * math.exp(-time / SETTLE)
+            d = d_now * kept[t]
             motion[t, X], motion[t, Y] = on_x - d * uy, on_y + d * ux
             motion[t, YAW] = math.atan2(uy, ux)
-            along = (sigma_scale * (SIGMA_START + ALONG_LINEAR * time + ALONG_QUADRATIC * time**2)) ** 2
-            across = (sigma_scale * (SIGMA_START + ACROSS_LINEAR * time)) ** 2
-            motion[t, XX] = along * ux**2 + across * uy**2
-            motion[t, YY] = along * uy**2 + across * ux**2
-            motion[t, XY] = (along - across) * ux * uy
+            motion[t, XX] = along[t] * ux**2 + across[t] * uy**2
+            motion[t, YY] = along[t] * uy**2 + across[t] * ux**2
+            motion[t, XY] = (along[t] - across[t]) * ux * uy
             known[t] |= not fresh[k]

@@ -18,24 +18,18 @@ class LogOverlaps:
 
     def __init__(self, log: Log) -> None:
         self._log = log
-        self._steps: dict[int, IntArray] = {}  # of a pair, by the number of its lower row and then of its higher one
+        self._steps: dict[tuple[int, int], IntArray] = {}  # of a pair, by its lower row and then its higher one
 
     def steps(self, a: int, b: int) -> IntArray:
         """Returns the steps (k,) of the log, ascending, at which boxes of the agents in rows `a` and `b` overlap."""
-        return self._of_pairs(np.array([[a, b]]))[0]
+        pair = (a, b) if a < b else (b, a)
+        if pair not in self._steps:
+            self._steps[pair] = self._find(*pair)
+        return self._steps[pair]
 
     def any(self, pairs: IntArray) -> BoolArray:
         """Returns whether the boxes of each of `pairs` (m, 2), rows of the log, overlap at any step (m,)."""
-        return np.array([len(steps) > 0 for steps in self._of_pairs(pairs)], np.bool_)
-
-    def _of_pairs(self, pairs: IntArray) -> list[IntArray]:
-        """Returns the :meth:`steps` of each of `pairs` (m, 2)."""
-        count = len(self._log.ids)
-        keys = (pairs.min(axis=1) * count + pairs.max(axis=1)).tolist()
-        for key in keys:
-            if key not in self._steps:
-                self._steps[key] = self._find(*divmod(key, count))
-        return [self._steps[key] for key in keys]
+        return np.array([len(self.steps(a, b)) > 0 for a, b in pairs.tolist()], np.bool_)
 
     def exempt(self, a: int, b: int, now: IntArray, x: FloatArray, y: FloatArray, later: int = ABOUT_THEN) -> BoolArray:
         """Returns whether rows a and b of the log overlap near steps `now` (m,), with b at its logged position (m,).
