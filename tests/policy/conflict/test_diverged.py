@@ -90,7 +90,7 @@ def test_places_and_residuals_are_those_of_the_log_with_its_lag(make_scenario, t
     now = DivergedNow.at(log, opened(1).joined(opened(2)), table, np.array([5, 21]))
     assert now.recorded.tolist() == [True, False], "20 steps into the run no log lags by 21"
     assert (now.log_x[0], now.log_y[0], now.log_speed[0]) == (log.x[0, 15], log.y[0, 15], 10.0)
-    residuals = now.residual_position[0], now.residual_speed[0], now.residual_yaw[0]
+    residuals = now.residual_position[0], now.residual_speed[0], now.yaw[0] - now.log_yaw[0]
     assert residuals == pytest.approx((5.0, 2.0, 0.25))
 
 

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from litsim_policy.motion.lane_lines import NO_LANE
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
-from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ByteArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentArrays, AgentTable, BoolArray, ByteArray, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
+from litsim_sim.kernels.compiled import Bools, Bools2, Floats2, Ints, kernel
 from litsim_sim.scenario.log import Log
 
 ObjectArray = npt.NDArray[Any]
@@ -248,13 +248,9 @@ class DivergedNow:
     def at(cls, log: Log, agents: DivergedAgents, table: AgentTable, lag: IntArray) -> DivergedNow:
         """Returns the `agents`, all of which are in `table`, at its step; logs lag by `lag` (n,) steps."""
         rows, log_rows = table.rows(agents.agent), log.ids.searchsorted(agents.agent)
-        step = table.step - lag[rows]
-        within = np.minimum(np.maximum(step, 0), log.steps - 1)
-        place = log_rows, within
-        recorded = (step == within) & log.valid[place]
-        of_log = (values[place] for values in (log.x, log.y, log.yaw, log.speed))
-        own = (values[rows] for values in (table.x, table.y, table.yaw, table.speed))
-        return cls(agents, table, rows, log, log_rows, lag[rows], recorded, *of_log, *own)
+        lags, of_log = lag[rows], (log.x, log.y, log.yaw, log.speed, log.valid)
+        recorded, places = _places(of_log, log_rows, table.step - lags, table.arrays, rows)
+        return cls(agents, table, rows, log, log_rows, lags, recorded, *places)
 
     @cached_property
     def residual_position(self) -> FloatArray:
@@ -265,11 +261,6 @@ class DivergedNow:
     def residual_speed(self) -> FloatArray:
         """Speed of the agent less that of the log [m/s]."""
         return self.speed - self.log_speed
-
-    @cached_property
-    def residual_yaw(self) -> FloatArray:
-        """Heading of the agent relative to the log, to the left [rad]."""
-        return wrap_angle(self.yaw - self.log_yaw)
 
     def report(self) -> tuple[Takeover, ...]:
         """Returns the takeovers to publish, one per agent.
@@ -303,3 +294,23 @@ class DivergedNow:
             "log_ratio": agents.log_ratio.tolist(),
         }
         return tuple(map(Takeover, *map(columns.__getitem__, COLUMNS)))
+
+
+@kernel
+def _places(
+    log: tuple[Floats2, Floats2, Floats2, Floats2, Bools2], log_rows: Ints, steps: Ints, agents: AgentArrays, rows: Ints
+) -> tuple[Bools, Floats2]:
+    """Return whether the log contains r agents at `steps` (r,), and (8, r) where they are there, and where they are.
+
+    These are x, y, yaw and speed of the log, at its nearest step, and then of the agents. They are in `log_rows` (r,)
+    of the `log`, x, y, yaw, speed and validity (N, S), and in `rows` (r,) of `agents`.
+    """
+    (x, y, yaw, speed, valid), recorded, places = log, np.empty(len(rows), np.bool_), np.empty((8, len(rows)))
+    for k in range(len(rows)):
+        row, own, step = log_rows[k], rows[k], min(max(steps[k], 0), x.shape[1] - 1)
+        recorded[k] = step == steps[k] and valid[row, step]
+        places[0, k], places[1, k], places[2, k] = x[row, step], y[row, step], yaw[row, step]
+        places[3, k] = speed[row, step]
+        places[4, k], places[5, k], places[6, k] = agents.x[own], agents.y[own], agents.yaw[own]
+        places[7, k] = agents.speed[own]
+    return recorded, places

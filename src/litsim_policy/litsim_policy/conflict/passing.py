@@ -105,6 +105,8 @@ class Passing:
     def _stay_beside(self, now: DivergedNow) -> None:
         """Keep agents in their present lanes that were returning to those of their logs and are held again."""
         agents = now.agents
+        if not (agents.changed_step >= 0).any():
+            return
         driven_on = (agents.state == HELD) | (agents.state == OWN_INTENT)
         index = ((agents.changed_step >= 0) & driven_on & (agents.source == LOGGED)).nonzero()[0]
         if not len(index):

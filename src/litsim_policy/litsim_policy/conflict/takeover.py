@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +20,10 @@ from litsim_policy.conflict.way_back import obstructed, unneeded
 from litsim_policy.motion.route import Router
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.nearby import around
+from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
 from litsim_sim.core.takeover import TakeoverTable
+from litsim_sim.kernels.compiled import Bools, Floats, OutBytes, OutInts, kernel
 from litsim_sim.scenario.setting import Setting
 
 ITERATIONS_MAX = 10  # bound on the iterations of detection within a step; queues of four need four
@@ -191,15 +194,57 @@ def move_on(
     (r,) intent. One that has been free for long enough is handed back along its logged path, and released as soon as
     the residuals allow it. A `needless` one (r,) is released: its log is over and no agent nearby needs it.
     """
-    agents, least = now.agents, now.table.step - config.held_steps_min
-    clear = np.where(free, agents.clear + 1, 0)
-    passed = agents.paths.project(agents.paths.each, now.x, now.y).s >= agents.goal_s
-    held, may_end = agents.state != HANDBACK, agents.detected_step <= least
-    stays = held & ~(may_end & (clear >= np.where(passed, config.clear_steps, 2 * config.clear_steps)))
-    back = (now.residual_position <= RELEASE_POSITION) & (np.abs(now.residual_speed) <= RELEASE_SPEED)
-    back &= (np.abs(now.residual_yaw) <= RELEASE_YAW) | now.table.obstacle[now.rows]  # who walks turns on the spot
-    back = back | (config.handback == "at_once")
-    state = np.where(~free | stays, np.where(own, OWN_INTENT, HELD), np.where(back & ~held, RELEASED, HANDBACK))
-    state[needless & may_end] = RELEASED
-    agents.clear[off_before], agents.state[off_before] = clear[off_before], state[off_before]
+    agents, paths = now.agents, now.agents.paths
+    may_end = agents.detected_step <= now.table.step - config.held_steps_min
+    passed = paths.project(paths.each, now.x, now.y).s >= agents.goal_s
+    walks, turn = now.table.obstacle[now.rows], now.yaw - now.log_yaw
+    residuals, at_once = (now.residual_position, now.residual_speed, turn), config.handback == "at_once"
+    moving = Moving(off_before, free, own, needless & may_end, may_end, passed, walks, *residuals)
+    _move_on(moving, config.clear_steps, at_once, agents.clear, agents.state)
     agents.return_to_log((off_before & (agents.state == HANDBACK)).nonzero()[0])
+
+
+class Moving(NamedTuple):
+    """What decides on the next states of agents off their logs; arrays (r,).
+
+    Attributes:
+        off_before, free, own: see :func:`move_on`.
+        needless: whether it is released, since nobody needs it.
+        may_end: whether it has been held for long enough.
+        passed: whether it has passed its goal.
+        walks: whether it walks or cycles; who walks turns on the spot.
+        position, speed, turn: residuals of its place [m], speed [m/s] and heading [rad].
+    """
+
+    off_before: Bools
+    free: Bools
+    own: Bools
+    needless: Bools
+    may_end: Bools
+    passed: Bools
+    walks: Bools
+    position: Floats
+    speed: Floats
+    turn: Floats
+
+
+@kernel
+def _move_on(moving: Moving, clear_steps: int, at_once: bool, clear: OutInts, state: OutBytes) -> None:
+    """Write for how many steps agents have been free, `clear` (r,), and their next states `state` (r,).
+
+    Those that are handed back are released where they are back at their logs, or `at_once`.
+    """
+    for k in range(len(state)):
+        if not moving.off_before[k]:
+            continue
+        clear[k] = clear[k] + 1 if moving.free[k] else 0
+        enough = clear[k] >= (clear_steps if moving.passed[k] else 2 * clear_steps)
+        handed_back = state[k] == HANDBACK
+        if moving.needless[k]:
+            state[k] = RELEASED
+        elif not (moving.free[k] and (handed_back or (moving.may_end[k] and enough))):
+            state[k] = OWN_INTENT if moving.own[k] else HELD
+        else:
+            near = moving.position[k] <= RELEASE_POSITION and abs(moving.speed[k]) <= RELEASE_SPEED
+            back = near and (moving.walks[k] or abs(wrapped(moving.turn[k])) <= RELEASE_YAW)
+            state[k] = RELEASED if handed_back and (back or at_once) else HANDBACK

@@ -101,6 +101,7 @@ OutSingles2 = Annotated[npt.NDArray[np.float32], written_array(float32, 2)]
 OutSingles3 = Annotated[npt.NDArray[np.float32], written_array(float32, 3)]
 OutInts = Annotated[npt.NDArray[np.int64], written_array(int64, 1)]
 OutInts2 = Annotated[npt.NDArray[np.int64], written_array(int64, 2)]
+OutBytes = Annotated[npt.NDArray[np.uint8], written_array(uint8, 1)]
 OutBools = Annotated[npt.NDArray[np.bool_], written_array(types.boolean, 1)]
 OutBools2 = Annotated[npt.NDArray[np.bool_], written_array(types.boolean, 2)]
 
