@@ -8,7 +8,7 @@ import numpy as np
 
 from litsim_predictor.inference.contract import HISTORY_CHANNELS, STATE_CHANNELS, AgentInputs
 from litsim_predictor.inference.raster import MapRaster
-from litsim_predictor.inference.traffic import Traffic
+from litsim_predictor.inference.traffic import Traffic, poses
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.kernels.compiled import Bools2, Floats, Floats3, OutSingles2, OutSingles3, kernel
@@ -59,7 +59,7 @@ def agent_inputs(
     into_frames(np.ascontiguousarray(series), np.ascontiguousarray(observed), heading, cos, sin, history, state)
     state[:, :2] = size
     x, y = series[:, -1, 0], series[:, -1, 1]
-    frame = np.stack([x, y, heading], axis=-1)
+    frame = poses(x, y, heading)
     traffic = Traffic.of_agents(frame, history, observed) if traffic is None else traffic
     return AgentInputs(
         frame=frame,

@@ -29,34 +29,30 @@ MOVED = 0.1  # [m] between two steps of the horizon: agents that move less keep 
 
 def forecast_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable) -> Forecast:
     """Returns the forecast of the manoeuvres of n `agents`, whose frames are `frame` (n, 3), in frame map."""
-    mean, covariance, valid = turned_gaussians(futures.mean, futures.scale, futures.correlation, frame)
+    further, n = futures.further, len(frame)
+    row = np.concatenate([np.arange(n), further.row])
+    own, gaussians = frame[row], ("mean", "scale", "correlation")
+    both = (np.concatenate([getattr(futures, name), getattr(further, name)]) for name in gaussians)
+    mean, covariance, valid = turned_gaussians(*both, own)
+    yaw = headings(mean, own[:, :2], agents.yaw[row]).astype(np.float32)
+    usable = valid[n:] & valid[further.row]
+    modes = Modes(
+        row=further.row[usable],
+        probability=futures.maneuver[further.row, further.maneuver][usable],
+        mean=mean[n:][usable],
+        yaw=yaw[n:][usable],
+        covariance=covariance[n:][usable],
+    )
     return Forecast(
         step=agents.step,
         dt=DT,
         id=agents.id,
-        mean=mean,
-        yaw=headings(mean, frame[:, :2], agents.yaw).astype(np.float32),
-        covariance=covariance,
+        mean=mean[:n],
+        yaw=yaw[:n],
+        covariance=covariance[:n],
         maneuver_probability=futures.maneuver,
-        valid=valid,
-        modes=_modes_in_map(futures, frame, agents, valid),
-    )
-
-
-def _modes_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable, valid: BoolArray) -> Modes:
-    """Returns the further futures of the agents whose most probable one is `valid` (n,), in frame map."""
-    further = futures.further
-    if not len(further.row):
-        return Modes.none(futures.mean.shape[1])
-    own = frame[further.row]
-    mean, covariance, usable = turned_gaussians(further.mean, further.scale, further.correlation, own)
-    usable &= valid[further.row]
-    return Modes(
-        row=further.row[usable],
-        probability=futures.maneuver[further.row, further.maneuver][usable],
-        mean=mean[usable],
-        yaw=headings(mean, own[:, :2], agents.yaw[further.row]).astype(np.float32)[usable],
-        covariance=covariance[usable],
+        valid=valid[:n],
+        modes=modes,
     )
 
 

@@ -98,6 +98,8 @@ class MapMemory:
         keys = fingerprints(words.view(np.uint64), alone).view("V16")[:, 0].tolist()
         at = np.array([self._place.get(key, -1) for key in keys], np.int64)
         is_new = at < 0
+        if not is_new.any():
+            return MapCodes(raster[:0], self._codes[at], alone.searchsorted(first), ())
         order = np.where(is_new, np.count_nonzero(~is_new) + is_new.cumsum(), (~is_new).cumsum()) - 1
         code_of = np.empty(len(raster), np.int64)
         code_of[alone] = order

@@ -52,7 +52,7 @@ class Traffic(NamedTuple):
         obstacle = table.obstacle
         vehicles = table.take(~obstacle) if obstacle.any() else table
         values, there = history.window(vehicles.id, 2, STRIDE * TRAFFIC_AGO)
-        pose = np.stack([vehicles.x, vehicles.y, vehicles.yaw], axis=-1)
+        pose = poses(vehicles.x, vehicles.y, vehicles.yaw)
         earlier = values[:, 0, SPEED_CHANNEL]
         return cls(pose, vehicles.speed.astype(np.float32), earlier.astype(np.float32), there[:, 0], vehicles.scene)
 
@@ -69,6 +69,13 @@ class Traffic(NamedTuple):
         first, end = self.scene.searchsorted(scene), self.scene.searchsorted(scene, "right")
         look_ahead(frame, speed, first, end, self, ahead)
         return ahead
+
+
+def poses(x: FloatArray, y: FloatArray, yaw: FloatArray) -> FloatArray:
+    """Returns x, y [m] and yaw [rad] of n agents as one array (n, 3)."""
+    pose = np.empty((len(x), 3))
+    pose[:, 0], pose[:, 1], pose[:, 2] = x, y, yaw
+    return pose
 
 
 @kernel
