@@ -31,9 +31,9 @@ def forecast_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable
     """Returns the forecast of the manoeuvres of n `agents`, whose frames are `frame` (n, 3), in frame map."""
     further, n = futures.further, len(frame)
     row = np.concatenate([np.arange(n), further.row])
-    own, gaussians = frame[row], ("mean", "scale", "correlation")
-    both = (np.concatenate([getattr(futures, name), getattr(further, name)]) for name in gaussians)
-    mean, covariance, valid = turned_gaussians(*both, own)
+    own, parts = frame[row], ((f.mean, f.scale, f.correlation) for f in (futures, further))
+    gaussians = Gaussians(*map(np.concatenate, zip(*parts, strict=True)))
+    mean, covariance, valid = turned_gaussians(*gaussians, own)
     yaw = headings(mean, own[:, :2], agents.yaw[row]).astype(np.float32)
     usable = valid[n:] & valid[further.row]
     modes = Modes(
