@@ -239,6 +239,14 @@ def test_a_training_with_teachers_learns_from_the_mean_of_their_forecasts(config
     assert not same(tmp_path / "taught", tmp_path / "a")
 
 
+@pytest.mark.parametrize(("every", "rates"), [(2, [0.01, 0.01, 1e-3, 1e-3, 1e-4]), (0, [0.01, 9.0e-3, 6.5e-3])])
+def test_the_learning_rate_falls_in_steps_or_along_a_cosine(every: int, rates: list[float]) -> None:
+    training = Training.__new__(Training)
+    config = {"model": "joint", "learning_rate": 0.01, "divided_every": every, "epochs": 5}
+    training._config = TrainingConfig.model_validate(config)
+    assert [training._learning_rate(epoch) for epoch in range(len(rates))] == pytest.approx(rates, rel=0.01)
+
+
 def interrupt_at(epoch: int) -> Callable[..., float]:
     """A learning rate that is interrupted, as by Ctrl-C, when it is asked for at `epoch`."""
     rate = Training._learning_rate

@@ -45,7 +45,9 @@ class TrainingConfig(BaseModel):
         epochs: number of epochs. In the first `warm_epochs`, the squared error replaces the likelihood in the loss.
         agents_per_batch: approximate number of agents in a batch of whole scenes.
         stride: frames between the scenes of an epoch.
-        learning_rate: initial learning rate of AdamW; it follows a cosine towards zero.
+        learning_rate: initial learning rate of AdamW; it follows a cosine towards zero over all epochs.
+        divided_every: epochs after which the learning rate is divided by 10 instead, again and again, as in the paper;
+            0 for the cosine.
         weight_decay: of AdamW; 0 is Adam.
         averaging: decay rate, per optimiser step, of the exponential moving average (EMA) of the weights, which is
             validated and saved; 0 for the weights themselves.
@@ -73,6 +75,7 @@ class TrainingConfig(BaseModel):
     agents_per_batch: Annotated[int, Field(ge=1)] = 512
     stride: Annotated[int, Field(ge=1, le=36_000)] = 5
     learning_rate: Annotated[float, Field(gt=0, le=1e30)] = 1e-3
+    divided_every: Annotated[int, Field(ge=0)] = 0
     weight_decay: Annotated[float, Field(ge=0)] = 0.0
     averaging: Annotated[float, Field(ge=0, lt=1)] = 0.0
     error_weight: Annotated[float, Field(ge=0)] = 0.0

@@ -173,8 +173,11 @@ class Training:
         return {"epoch": epoch + 1, "agents": count} | figures | self._validate()
 
     def _learning_rate(self, epoch: int) -> float:
-        """Returns the learning rate of `epoch`, counted from 0: a cosine over all epochs."""
-        return self._config.learning_rate * 0.5 * (1.0 + float(np.cos(np.pi * epoch / self._config.epochs)))
+        """Returns the learning rate of `epoch`, counted from 0: a cosine over all epochs, or divided by 10 in steps."""
+        config = self._config
+        if config.divided_every:
+            return config.learning_rate * 0.1 ** (epoch // config.divided_every)
+        return config.learning_rate * 0.5 * (1.0 + float(np.cos(np.pi * epoch / config.epochs)))
 
     def _losses(self, batch: SceneBatch) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Returns negative log-likelihood, squared error [m2], cross-entropy of manoeuvres, and distillation loss [m2].
