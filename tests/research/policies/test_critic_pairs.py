@@ -1,4 +1,4 @@
-"""The critic's sides: it cannot tell them by what is observed, only by what is done."""
+"""The critic's sides: it tells them by how is driven, not by what only one of them can have."""
 
 from typing import Any
 
@@ -10,7 +10,14 @@ from torch import Tensor
 from litsim_policy.driving.action import executed_yaw_rate, physical
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import SPEED
-from litsim_research.policies.critic import Critic, CriticConfig, driven_pairs, expert_and_policy_pairs, update_critic
+from litsim_research.policies.critic import (
+    OWN_ACCELERATION,
+    Critic,
+    CriticConfig,
+    driven_pairs,
+    expert_pairs_of,
+    update_critic,
+)
 from litsim_research.policies.episodes import Course, EnvironmentConfig, Episodes
 from litsim_research.policies.expert import ExpertConfig, ExpertPairs, expert_pairs, share_weights
 from litsim_research.policies.network import GaussianPolicy
@@ -61,21 +68,38 @@ def accuracy(expert: Tensor, policy: Tensor) -> float:
         return 0.5 * float((critic(expert_left) > 0).float().mean() + (critic(policy_left) <= 0).float().mean())
 
 
-def without_actions(pairs: Tensor) -> Tensor:
-    return torch.cat([pairs[:, :SIZE], torch.zeros(len(pairs), 3)], dim=1)
+def test_the_critic_tells_the_sides_by_actions_and_not_by_exploration(experts: ExpertPairs) -> None:
+    """Drivers' actions with the policy's noise: a policy that does as they do passes, one that accelerates does not."""
+    recorded, _ = experts.demonstrations(0.5)
+    std = GaussianPolicy(SEEN).std()
 
+    def drawn(seed: int) -> Tensor:
+        return expert_pairs_of(recorded, 2000, std, SEEN, torch.Generator().manual_seed(seed))
 
-def test_observations_alone_do_not_tell_who_has_driven(experts: ExpertPairs) -> None:
-    """With the actions withheld the critic stays near chance; with them, it tells a policy that always accelerates."""
-    torch.manual_seed(0)
-    policy, (recorded, _) = GaussianPolicy(SEEN), experts.demonstrations(0.5)
-    with torch.no_grad():
-        policy.mean.bias[0] = 0.8
-    expert, drawn = expert_and_policy_pairs(policy, recorded, 2000, torch.Generator().manual_seed(0))
-    again, _ = expert_and_policy_pairs(policy, recorded, 2000, torch.Generator().manual_seed(1))
+    expert, again, faster = drawn(0), drawn(1), drawn(2)
+    faster[:, -3] += 0.4
     assert not torch.equal(expert, again)
-    assert accuracy(without_actions(expert), without_actions(drawn)) < 0.6
-    assert accuracy(expert, drawn) > 0.7
+    assert accuracy(expert, again) < 0.6
+    assert accuracy(expert, faster) > 0.7
+    noise = float((expert[:, -3] - expert[:, -3].mean()).std())
+    assert noise > 3.0 * float(recorded.action[:, 0].std()), "the noise hides what is not the driver's"
+
+
+def test_the_critic_judges_where_actions_lead(experts: ExpertPairs) -> None:
+    """Who does the same, but 5 m/s faster, is told by the state."""
+    recorded, _ = experts.demonstrations(0.5)
+    expert, other = (
+        expert_pairs_of(recorded, 2000, torch.full((3,), 0.3), SEEN, torch.Generator().manual_seed(k)) for k in (0, 1)
+    )
+    other[:, 2] += 5.0 / SPEED
+    assert accuracy(expert, other) > 0.8
+
+
+def test_tasks_and_jitter_are_hidden_from_the_critic(experts: ExpertPairs) -> None:
+    recorded, _ = experts.demonstrations(0.5)
+    pairs = expert_pairs_of(recorded, 100, torch.full((3,), 0.3), SEEN, torch.Generator().manual_seed(0))
+    assert not pairs[:, WAY].any() and not pairs[:, OWN_ACCELERATION].any()
+    assert pairs[:, 2].any() and pairs[:, SIZE - 7].shape == (100,)
 
 
 def test_sampled_agents_are_not_known_by_their_tasks(scenario: Scenario, experts: ExpertPairs) -> None:
@@ -113,7 +137,7 @@ def test_the_critic_sees_what_was_drawn_as_the_one_turn_that_a_vehicle_makes_of_
     observation[:, 2] = 12.0 / SPEED
     raw = np.array([[0.4, -0.3, 0.2], [-0.5, 0.1, 0.1]])
     track = Track(observation, raw, np.zeros(2), np.zeros((2, 3)), np.zeros(2), terminated=False)
-    pairs = driven_pairs([track]).numpy()
+    pairs = driven_pairs([track], SEEN).numpy()
     assert pairs.shape == (2, SIZE + 3)
     done, turn = physical(pairs[:, -3:].astype(np.float64)), executed_yaw_rate(physical(np.tanh(raw)), np.full(2, 12.0))
     assert done[:, 0] == pytest.approx(physical(np.tanh(raw))[:, 0], abs=1e-5)

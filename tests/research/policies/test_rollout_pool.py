@@ -83,7 +83,9 @@ def test_groups_are_cut_where_one_process_would_be_busy_for_long() -> None:
     assert shared_out([[1], [0, 2, 3, 4, 5]], 3) == [[0, 2], [3, 4], [1], [5]]
     assert shared_out([[0], [1]], 4) == [[0], [1]], "there are no more"
     assert shared_out([range(12)], 2) == [range(6), range(6, 12)]
-    assert shared_out([range(BATCH_MAX + 1)], 1) == [range(48), range(48, 49)], "so many are not stepped together"
+    assert shared_out([range(BATCH_MAX + 1)], 1) == [range(BATCH_MAX), range(BATCH_MAX, BATCH_MAX + 1)], (
+        "so many are not stepped together"
+    )
 
 
 def test_processes_begin_before_they_are_asked_for_an_episode(config, pool, monkeypatch) -> None:

@@ -40,24 +40,39 @@ class Origin:
 
     def encounter(self, name: str, note: EncounterNote, columns: Mapping[str, np.ndarray]) -> Encounter:
         """Returns the encounter `name` that a `note` tells, with the log in the `columns` of a recording."""
+        description = DESCRIPTION.format(opponent=note.opponent, agent=note.agent)
+        notes = {NOTE: note.model_dump(mode="json")}
+        history = note.onset_step
+        return Encounter.of_scenario(self.scenario(name, columns, note.opponent, history, description, notes))
+
+    def scenario(
+        self,
+        name: str,
+        columns: Mapping[str, np.ndarray],
+        ego: int,
+        history_steps: int,
+        description: str = "",
+        notes: Mapping[str, object] | None = None,
+    ) -> Scenario:
+        """Returns a scenario around `ego` with the log in the `columns` of a recording, with `notes` in its header."""
         header = RecordingHeader(
             name=name,
             source=self.source,
             licence=self.licence,
             net=self.net.name,
-            notes={NOTE: note.model_dump(mode="json")},
+            notes=dict(notes or {}),
             signals=dict(self.signals),
         )
+        steps = int(columns["frame"].max() - columns["frame"].min())
         file = ScenarioFile(
             name=name,
-            description=DESCRIPTION.format(opponent=note.opponent, agent=note.agent),
+            description=description,
             recording=f"{name}.parquet",
             net=str(self.net),
-            history_s=note.onset_step * STEP_S,
-            simulation_s=(len(note.truth.agent.x) - 1 - note.onset_step) * STEP_S,
-            ego=note.opponent,
+            history_s=history_steps * STEP_S,
+            simulation_s=(steps - history_steps) * STEP_S,
+            ego=ego,
             roi_m=REACH,
             coverage_min=0.0,
         )
-        recording = Recording.from_columns(header, columns, name)
-        return Encounter.of_scenario(Scenario(file, name, Sources(recording, self.lane_map)))
+        return Scenario(file, name, Sources(Recording.from_columns(header, columns, name), self.lane_map))

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 
 from litsim_data.encounters.encounter import Encounter
-from litsim_data.encounters.following import CAR_LENGTH
+from litsim_data.encounters.following import CAR_LENGTH, FollowingTrack
 from litsim_data.encounters.leader_brakes import AFTER, Braking
 from litsim_data.encounters.origin import Origin
 from litsim_data.encounters.smoothing import centred_place, centred_speed, drivable
 from litsim_sim.core.scene import STEP_S, FloatArray, Kind
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.encounter_note import EncounterNote, Track, TrackNote, Truth
+from litsim_sim.scenario.scenario import Scenario
 
 WIDTH = 1.9  # [m] of all vehicles
 UNKNOWN_LEADER = 0  # id of a leader whose NGSIM id is not known; those begin at 1
@@ -54,6 +55,28 @@ def encounter(braking: Braking) -> Encounter:
     ]
     both = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
     return _origin(track.site).encounter(braking.name, note, both)
+
+
+def following_scenario(track: FollowingTrack, part: slice, history: int) -> Scenario:
+    """Returns a `part` of recorded car following as a scenario, whose log has both vehicles as they truly drove.
+
+    The ego is the leader; it is free from step `history` on.
+    """
+    frame, half = track.first_frame + part.start, 0.5 * CAR_LENGTH
+    leader = max(track.leader, UNKNOWN_LEADER)
+    ahead = centred_place(track.leader_rear)[part] + 0.5 * track.leader_length
+    columns = [
+        _columns(leader, frame, _straight(ahead, centred_speed(track.leader_rear)[part]), track.leader_length),
+        _columns(
+            track.follower,
+            frame,
+            _straight(centred_place(track.front)[part] - half, centred_speed(track.front)[part]),
+            CAR_LENGTH,
+        ),
+    ]
+    both = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
+    name = f"{track.site}_{track.period}_{track.follower}_{frame}"
+    return _origin(track.site).scenario(name, both, ego=leader, history_steps=history)
 
 
 def _straight(x: FloatArray, speed: FloatArray) -> Track:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from litsim_policy.ego.ego import Ego
 from litsim_policy.ego.following import Following, FollowingEgo, commands
+from litsim_policy.ego.log import LogEgo
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_policy.motion.stop_lines import StopLines
@@ -32,6 +33,8 @@ class BatchedEgos:
             ego = self._egos[scene]
             if isinstance(ego, FollowingEgo):
                 plan = ego.following(table, int(rows[scene]))
+            elif isinstance(ego, LogEgo):  # which looks at nothing
+                plan = ego.plan(table)
             else:
                 plan = ego.plan(self._batch.table(scene, table))
             if isinstance(plan, Following):

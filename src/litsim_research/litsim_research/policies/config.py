@@ -28,6 +28,8 @@ class TrainConfig(BaseModel):
             trained without; 0 for none.
         validate_every: iterations between validations.
         validation_episodes: episodes in a validation.
+        validate_conflicts: whether only agents that are taken over in conflicts are driven in a validation, behind egos
+            that deviate; otherwise as in training.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -39,6 +41,7 @@ class TrainConfig(BaseModel):
     rule_rounds: int = Field(0, ge=0)
     validate_every: int = Field(20, gt=0)
     validation_episodes: int = Field(20, gt=0)
+    validate_conflicts: bool = False
     data: DataConfig
     observation: ObservationConfig = ObservationConfig()
     environment: EnvironmentConfig = EnvironmentConfig()

@@ -1,9 +1,14 @@
-"""The critic: a classifier of recorded drivers against the policy, which rewards the policy for acting like drivers.
+"""The critic: a classifier of recorded drivers against the policy, which rewards the policy for driving like them.
 
-It learns from both kinds of recorded drivers: people in NGSIM, and SUMO's models in generated segments. Its pairs are
-recorded actions, and the policy's in the same situations. If the policy's pairs came from its own episodes, the critic
-could tell them apart by the situation (another ego, other traffic, offsets from a path that in a recording is the
-driver's own) and ignore the action. Here only the action differs; consequences of actions are left to the penalties.
+As in GAIL (Ho 2016), its pairs are the states and actions of drivers, and those of the policy's own episodes, so that
+it judges where actions lead, too. What would give the policy away without saying anything about driving is hidden:
+
+- what is not of the same distribution on both sides: the task (goal, due time, opponent), since recordings tell no
+  intentions; and the vehicle's present acceleration, which jitters with the policy's exploration;
+- exploration: drivers' actions get noise as the policy's.
+
+Episodes behind deviating egos lead to situations that are rare in recordings, so the critic learns from those with egos
+as recorded, where there are any (`environment.recorded`); it judges all.
 
 The policy's actions are what it draws, before the bounds on jerk: within these, the acceleration after a step of 0.1 s
 is close to the one before, and says next to nothing about the driver.
@@ -18,11 +23,15 @@ import torch
 from torch import Tensor, nn
 
 from litsim_policy.driving.action import ACTIONS, consistent, executed_yaw_rate, normalised, physical
+from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import SPEED
-from litsim_research.policies.network import GaussianPolicy, multilayer
+from litsim_policy.driving.features.way import TASK
+from litsim_research.policies.network import BOUND_MAX, multilayer
 from litsim_research.policies.ppo import BatchSize, Demonstrations, Track, refuse_divergence, tensor
 from litsim_sim.core.quantities import NonNegative, Number, Positive, Whole, configuration
 from litsim_sim.core.scene import FloatArray
+
+OWN_ACCELERATION = 3  # its position in an observation
 
 
 @configuration
@@ -121,31 +130,33 @@ def gradient_norm(critic: Callable[[Tensor], Tensor], real: Tensor, made: Tensor
     return norm
 
 
-def expert_and_policy_pairs(
-    policy: GaussianPolicy, recorded: Demonstrations, count: int, generator: torch.Generator
-) -> tuple[Tensor, Tensor]:
-    """Draw `count` of the `recorded` pairs, and an action of `policy` for each of their observations.
+def expert_pairs_of(
+    recorded: Demonstrations, count: int, std: Tensor, config: ObservationConfig, generator: torch.Generator
+) -> Tensor:
+    """Draw `count` of the `recorded` pairs; their actions get noise as the policy's, of deviations `std` (3,).
 
     Returns:
-        observations and actions side by side, (count, size + 3) of the drivers and of the policy, in the same order.
+        observations and actions side by side (count, size + 3), as the critic sees them.
     """
-    observation = recorded.observation[chosen := recorded.draw(count, generator)]
-    drawn = torch.tanh(policy.draw(observation, generator)).double().numpy()
-    expert = recorded.action[chosen].double().numpy()
-    return _pairs(observation.numpy(), expert), _pairs(observation.numpy(), drawn)
+    chosen = recorded.draw(count, generator)
+    raw = torch.atanh(torch.clamp(recorded.action[chosen], -BOUND_MAX, BOUND_MAX))
+    noisy = torch.tanh(raw + std.detach() * torch.randn(raw.shape, generator=generator))
+    return _pairs(recorded.observation[chosen].numpy(), noisy.double().numpy(), config)
 
 
-def driven_pairs(tracks: list[Track]) -> Tensor:
+def driven_pairs(tracks: list[Track], config: ObservationConfig) -> Tensor:
     """Observations and drawn actions side by side (m, size + 3) of all agent-steps, as the critic sees them.
 
     Steps with a contact or off the road are included; the observation after the last step of a track is not.
     """
     observation = np.concatenate([track.observation[:-1] for track in tracks])
-    return _pairs(observation, np.tanh(np.concatenate([track.raw for track in tracks])))
+    return _pairs(observation, np.tanh(np.concatenate([track.raw for track in tracks])), config)
 
 
-def _pairs(observation: FloatArray, action: FloatArray) -> Tensor:
-    """Both side by side (m, size + 3), with the two lateral actions replaced by the turn that results from them."""
+def _pairs(observation: FloatArray, action: FloatArray, config: ObservationConfig) -> Tensor:
+    """Both side by side (m, size + 3), with what is hidden at 0, and one turn in place of the two lateral actions."""
     speed, wanted = observation[:, 2] * SPEED, physical(action)
     made = normalised(consistent(wanted[:, 0], executed_yaw_rate(wanted, speed), speed))
-    return tensor(np.concatenate([observation, made], axis=1))
+    seen = observation.copy()
+    seen[:, [OWN_ACCELERATION, *range(config.size - TASK, config.size)]] = 0.0
+    return tensor(np.concatenate([seen, made], axis=1))

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import textwrap
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from litsim_data.encounters.following import PAIRS
 from litsim_data.segments import MANIFEST_FILE, Manifest
+from litsim_research.policies.following import following_scenarios, reported_drivers
 from litsim_research.predictors.data.sources import digest_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
@@ -69,6 +73,8 @@ class DataConfig(BaseModel):
 
     Attributes:
         generated, real: see :class:`Generated` and :class:`RealWindow`.
+        following: whether people's car following at hand is driven and learned from, too (:mod:`.following`).
+        following_share: share of the draws of an episode's scenario that fall on it.
         real_weight: weight of a real window when a scenario is drawn, since they are few; in validation, weight of the
             scenarios of `tuning`.
         scenarios: names or files of further scenarios for training.
@@ -80,6 +86,8 @@ class DataConfig(BaseModel):
 
     generated: tuple[Generated, ...] = ()
     real: tuple[RealWindow, ...] = ()
+    following: bool = False
+    following_share: float = Field(0.5, gt=0, lt=1)
     real_weight: int = Field(1, gt=0)
     scenarios: tuple[str, ...] = ()
     validation: tuple[str, ...] = ()
@@ -100,11 +108,13 @@ class TrainingData:
     Attributes:
         train, validation: the scenarios, some of them several times by their weight.
         real: names of the scenarios in which people drove.
+        reported: ids of drivers whose reactions are reported on, by scenario; nothing is learned from these.
     """
 
     train: tuple[Scenario, ...]
     validation: tuple[Scenario, ...]
     real: frozenset[str] = frozenset()
+    reported: Mapping[str, frozenset[int]] = field(default_factory=dict)
 
     @property
     def each_once(self) -> list[Scenario]:
@@ -133,11 +143,36 @@ def prepare(config: DataConfig, folder: Path) -> TrainingData:
     train += [_unreported(name) for name in config.scenarios]
     validation += [_unreported(name) for name in config.validation]
     validation += [_around_tuning_egos(name) for name in config.tuning] * config.real_weight
+    following: list[Scenario] = []
+    if config.following:
+        following, followed = following_scenarios(_data_folder("following", PAIRS))
+        train = _beside(train, following, config.following_share)
+        validation = _beside(validation, followed, config.following_share)
     if not train:
         raise InputError("data: no scenario to train on, expected generated, real or scenarios")
     if not validation:
         raise InputError("data: no scenario to validate on, expected validation, tuning, or more generated segments")
-    return TrainingData(tuple(train), tuple(validation), frozenset(window.name for window in windows))
+    real = frozenset(scenario.name for scenario in [*windows, *following])
+    reported = reported_drivers() if windows else frozenset()
+    return TrainingData(tuple(train), tuple(validation), real, {window.name: reported for window in windows})
+
+
+def _beside(others: list[Scenario], following: list[Scenario], share: float) -> list[Scenario]:
+    """Returns both, the `others` so many times that draws fall on `following` with about the `share`."""
+    times = round(len(following) * (1.0 - share) / share / max(len(others), 1))
+    return others * max(times, 1) + following
+
+
+def _data_folder(field: str, file: str) -> Path:
+    """Returns the folder of published data.
+
+    Raises:
+        InputError: there is none; the message names the `field` of the configuration, and a `file` that it needs.
+    """
+    data = os.environ.get(DATA_VARIABLE, "")
+    if not data:
+        raise InputError(f"data: field {field}: {DATA_VARIABLE} is not set, expected a folder with {file}")
+    return Path(data)
 
 
 def _unreported(name: str) -> Scenario:
@@ -172,10 +207,7 @@ def _real(window: RealWindow, folder: Path) -> Scenario:
         "net": "us101",
         "history_s": REAL_HISTORY_S,
     }
-    data = os.environ.get(DATA_VARIABLE, "")
-    if not data:
-        raise InputError(f"data: field real: {DATA_VARIABLE} is not set, expected a folder with {REAL_FILE}")
-    recording = load_recording(Path(data) / REAL_FILE, crop)
+    recording = load_recording(_data_folder("real", REAL_FILE) / REAL_FILE, crop)
     table = recording.table
     frames = table.groupby("vehicle_id")["frame"].agg(["min", "max"])
     needed = int(table["frame"].min()) + round(REAL_HISTORY_S * 10) + REAL_STAYS
@@ -243,8 +275,16 @@ class DataState:
 
 def _described(part: str, scenario: Scenario) -> dict[str, Any]:
     fields = scenario.file.model_dump(mode="json", exclude={*FILES, "description"})
-    digests = {name: digest_of(Path(getattr(scenario.file, name))) for name in FILES}
+    digests = {name: _digest(scenario, Path(getattr(scenario.file, name))) for name in FILES}
     return {"part": part, "name": scenario.name, "fields": fields, **digests}
+
+
+def _digest(scenario: Scenario, file: Path) -> str:
+    """Returns the SHA-256 of a file; of the recording's columns where it is in memory only."""
+    if file.is_file():
+        return digest_of(file)
+    columns = scenario.recording.columns
+    return hashlib.sha256(b"".join(columns[name].tobytes() for name in sorted(columns))).hexdigest()
 
 
 def _other(where: Path, what: str) -> InputError:

@@ -10,6 +10,7 @@ import numpy as np
 from litsim_policy.driving.task import DrivingTask
 from litsim_policy.ego.ego import Ego
 from litsim_policy.ego.idm import IdmEgo
+from litsim_policy.ego.log import LogEgo
 from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.reference_path import logged_path
@@ -33,8 +34,13 @@ def with_ego(scenario: Scenario, random: np.random.Generator) -> Scenario:
     return scenario.around(int(random.choice(scenario.egos)), int(random.integers(2**31)))
 
 
-def drawn_ego(scenario: Scenario, random: np.random.Generator) -> Ego:
-    """An ego that deviates from its log: IDM with drawn parameters, or perturbed."""
+def drawn_ego(scenario: Scenario, random: np.random.Generator, recorded: float = 0.0) -> Ego:
+    """An ego that deviates from its log, IDM with drawn parameters or perturbed; one as recorded in a share of draws.
+
+    The share is `recorded`, from 0 to 1.
+    """
+    if recorded > 0.0 and random.random() < recorded:
+        return LogEgo(scenario)
     if random.random() < 0.5:
         row = scenario.log.row(scenario.ego_id)
         speed = float(scenario.log.speed[row][scenario.log.valid[row]].mean())

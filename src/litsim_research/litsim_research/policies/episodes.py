@@ -23,7 +23,7 @@ from litsim_research.policies.draw import Start, drawn_ego, with_ego
 from litsim_research.policies.reward import Penalties, PenaltyConfig, displacement, passed_on, penalties
 from litsim_research.policies.sampled_agents import SampledAgents
 from litsim_research.policies.task import TaskConfig
-from litsim_sim.core.quantities import Flag, Length, NonNegative, Positive, Steps, Whole, configuration
+from litsim_sim.core.quantities import Flag, Length, NonNegative, Positive, Share, Steps, Whole, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.core.stages import PREDICTOR
 from litsim_sim.core.takeover import PathSource, Takeover
@@ -38,6 +38,8 @@ class EnvironmentConfig:
     Attributes:
         steps_max: steps after the history, fewer where the scenario ends before; the default is the paper's, while
             segments of 28 s have 250.
+        recorded: share of episodes in which the ego drives as recorded. There, the states that the policy visits are
+            comparable to drivers', so that the critic learns from these episodes only, if there are any.
         slots: most agents under the policy at a time; further ones are driven by policy yield.
         sampled: agents near the ego that are put under the policy at the start, with or without a conflict.
         sample_radius: distance from the ego within which they are drawn.
@@ -48,6 +50,7 @@ class EnvironmentConfig:
     """
 
     steps_max: Positive[Steps] = 300
+    recorded: Share = 0.0
     slots: Positive[Whole] = 10
     sampled: NonNegative[Whole] = 5
     sample_radius: NonNegative[Length] = 50.0
@@ -87,7 +90,7 @@ class Course:
     def start(self, random: np.random.Generator) -> Start:
         """Draw the start of an episode: scenario and ego, and `random` itself for the further draws."""
         scenario = with_ego(self.scenario(random), random)
-        return Start(scenario, drawn_ego(scenario, random), random)
+        return Start(scenario, drawn_ego(scenario, random, self.config.recorded), random)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +156,7 @@ class Episodes:
 
     Attributes:
         batch: the scenarios.
+        egos: of each episode.
         seen: (m, size) observations of the :attr:`driven` agents.
     """
 
@@ -161,8 +165,10 @@ class Episodes:
     ) -> None:
         self._course, self._config = course, course.config
         self._sampled_only, self._failure_ends = sampled_only, failure_ends
-        scenarios, egos = [start.scenario for start in starts], [start.ego for start in starts]
-        self._simulation = Simulation(scenarios, egos, "yield", {PREDICTOR: {"model": "kinematic"}}, full_length=True)
+        scenarios, self.egos = [start.scenario for start in starts], [start.ego for start in starts]
+        self._simulation = Simulation(
+            scenarios, self.egos, "yield", {PREDICTOR: {"model": "kinematic"}}, full_length=True
+        )
         assert self._simulation.batch is not None
         self.batch = self._simulation.batch
         self.safety = SafetyLayer(course.safety)

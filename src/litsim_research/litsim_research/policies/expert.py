@@ -5,8 +5,10 @@ The drivers are people in NGSIM, and SUMO's driver models in generated segments.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -19,9 +21,13 @@ from litsim_research.policies.ppo import Demonstrations, tensor
 from litsim_research.policies.task import TaskConfig, recorded_task
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.quantities import Angle, Length, NonNegative, Positive, Share, Speed, Steps, configuration
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.scenario.batched import BatchedScenario, kind
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario
+
+AT_ONCE = 64  # scenarios of one kind that are observed together
+T = TypeVar("T")
 
 
 @configuration
@@ -81,13 +87,16 @@ class ExpertPairs:
     @classmethod
     def of(
         cls,
-        scenarios: Sequence[Scenario],
-        columns_of: Callable[[Scenario], Sequence[FloatArray]],
-        real: Collection[str],
+        scenarios: Sequence[T],
+        columns_of: Callable[[T], Sequence[FloatArray]],
+        real: Sequence[bool],
     ) -> ExpertPairs:
-        """Returns the pairs of `scenarios`; `columns_of` gives the first four columns for one scenario."""
+        """Returns the pairs of `scenarios`; `columns_of` gives the first four columns for one of them.
+
+        `real` tells of each whether people drove.
+        """
         columns = [columns_of(scenario) for scenario in scenarios]
-        people = np.repeat([scenario.name in real for scenario in scenarios], [len(first) for first, *_ in columns])
+        people = np.repeat(np.asarray(real, np.bool_), [len(first) for first, *_ in columns])
         observation, action, moved, correction = (np.concatenate(column) for column in zip(*columns, strict=True))
         return cls(observation, action, moved, correction, people)
 
@@ -110,23 +119,44 @@ def expert_pairs(
     task: TaskConfig,
     random: np.random.Generator,
     real: Collection[str] = (),
+    reported: Mapping[str, Collection[int]] | None = None,
 ) -> ExpertPairs:
     """Pairs of all vehicles of `scenarios`, including the egos, which do not deviate in a recording.
 
     Actions come from inverse dynamics: the commands with which the bicycle model would move as recorded. `real` names
-    the scenarios in which people drove.
+    the scenarios in which people drove; `reported` are ids of drivers to
+    leave out, by scenario.
     """
-    return ExpertPairs.of(scenarios, lambda scenario: _of_scenario(scenario, observation, config, task, random), real)
+    groups = defaultdict[Hashable, list[Scenario]](list)
+    for scenario in scenarios:
+        groups[kind(scenario), scenario.name in real].append(scenario)
+    left_out = {name: sorted(ids) for name, ids in (reported or {}).items()}
+    parts = [part for group in groups.values() for part in _portions(group)]
+    people = [part[0].name in real for part in parts]
+
+    def of(part: Sequence[Scenario]) -> list[FloatArray]:
+        batch = BatchedScenario.of(part)
+        own = [np.isin(scenario.log.ids, left_out.get(scenario.name, [])) for scenario in part]
+        return _of_batch(batch, observation, config, task, random, batch.log.ids[np.concatenate(own)])
+
+    return ExpertPairs.of(parts, of, people)
 
 
-def _of_scenario(
-    scenario: Scenario,
+def _portions(group: Sequence[Scenario]) -> Iterator[Sequence[Scenario]]:
+    """Yields the scenarios of a `group`, AT_ONCE at a time."""
+    for first in range(0, len(group), AT_ONCE):
+        yield group[first : first + AT_ONCE]
+
+
+def _of_batch(
+    scenario: BatchedScenario,
     observation: ObservationConfig,
     config: ExpertConfig,
     task: TaskConfig,
     random: np.random.Generator,
+    left_out: IntArray,
 ) -> list[FloatArray]:
-    """Returns the first four columns of :class:`ExpertPairs` for one scenario."""
+    """Returns the first four columns of :class:`ExpertPairs` for one batch, without the drivers `left_out`."""
     log, observer = scenario.log, Observer(scenario.lane_map, observation)
     paths = {}
     nothing = np.empty((0, observation.size)), np.empty((0, len(ACTIONS)))
@@ -135,7 +165,7 @@ def _of_scenario(
         table = log.table(step)
         rows = np.searchsorted(log.ids, table.id)
         stays = log.last_step[rows] - step >= max(config.horizon, config.smooth)
-        chosen = np.flatnonzero(stays & _interacts(table, config))
+        chosen = np.flatnonzero(stays & _interacts(table, config) & ~np.isin(table.id, left_out))
         if not len(chosen):
             continue
         tasks = []
@@ -157,9 +187,10 @@ def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
     """Mask (n,) of the vehicles of `table` that move and interact with another one; see :class:`ExpertConfig`."""
     dx, dy = table.x[None] - table.x[:, None], table.y[None] - table.y[:, None]
     ahead, left = to_body(dx, dy, table.yaw[:, None])
+    same = table.scene[None] == table.scene[:, None]
     leads = (ahead > 0) & (ahead < config.ahead) & (np.abs(left) < 0.5 * (table.width[None] + table.width[:, None]))
     beside = (np.hypot(dx, dy) < config.beside) & ~np.eye(len(table), dtype=np.bool_)
-    return np.asarray((leads | beside).any(axis=1) & (table.speed >= config.speed_min) & ~table.obstacle)
+    return np.asarray(((leads | beside) & same).any(axis=1) & (table.speed >= config.speed_min) & ~table.obstacle)
 
 
 def inverse_dynamics(log: Log, rows: np.ndarray, step: int, smooth: int) -> tuple[FloatArray, FloatArray]:

@@ -69,6 +69,7 @@ class Track:
         terminated: whether the track ended in a collision or off the road, rather than with a hand-over or the end of
             the episode.
         advice: (T, 3) actions in [-1, 1] that the rules would have taken; None where nothing is learned from rules.
+        recorded: whether the ego of the episode drove as recorded.
     """
 
     observation: FloatArray
@@ -78,6 +79,7 @@ class Track:
     penalty: FloatArray
     terminated: bool
     advice: FloatArray | None = None
+    recorded: bool = False
 
     def __len__(self) -> int:
         return len(self.raw)

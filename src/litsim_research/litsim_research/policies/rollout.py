@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import count, islice, pairwise
+from dataclasses import dataclass, replace
+from itertools import count, islice
 from typing import Protocol
 
 import numpy as np
 import torch
 from gymnasium.utils import seeding
 
+from litsim_policy.ego.log import LogEgo
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.episodes import Course, Episodes
 from litsim_research.policies.network import GaussianPolicy, Sampler
@@ -22,12 +23,13 @@ from litsim_sim.scenario.batched import kind
 from litsim_sim.scenario.scenario import Scenario
 
 EMPTY_EPISODES_MAX = 100  # episodes in a row without an agent to drive, after which training gives up
-BATCH_MAX = 48  # most episodes that are stepped together
+BATCH_MAX = 192  # most episodes that are stepped together
 AT_FIRST = 12  # episodes of the first portion, as long as no iteration tells how many are enough
-AT_ONCE = 96  # most episodes in one portion
+AT_ONCE = 384  # most episodes in one portion
 MARGIN = 1.25  # on the expected number of episodes: a few more in one portion cost less than a second portion
 COUNTED = ("collision", "off_road", "edge", "proximity", "hard_brake", "guard", "displacement", "jerk")
 """Fields of Penalties that are summed."""
+SUMMED = ("transitions", "penalty", *COUNTED)
 VALIDATION_SEED = 10_000_019  # seed of the first episode of every validation
 
 
@@ -126,7 +128,8 @@ def collect(episodes: Iterable[Episode]) -> tuple[list[Track], dict[str, float]]
     """Return the tracks of all agents in `episodes`, and rates of events and penalties by name.
 
     Collisions and off_road are events per 1000 agent-steps, collided_share is the share of episodes in which a driven
-    agent collided, and the others, but for the numbers of transitions and episodes, are means over agent-steps.
+    agent collided, and the others, but for numbers of transitions and episodes, are means over agent-steps. Episodes
+    with a driven agent are `driven_episodes`.
     """
     tracks: list[Track] = []
     sums: dict[str, float] = defaultdict(float)
@@ -139,6 +142,7 @@ def collect(episodes: Iterable[Episode]) -> tuple[list[Track], dict[str, float]]
     return tracks, {
         "transitions": sums["transitions"],
         "episodes": float(number),
+        "driven_episodes": sums["driven_episodes"],
         "penalty": sums["penalty"] / count,
         "collisions": 1000.0 * sums["collision"] / count,
         "collided_share": sums["collided_episodes"] / number,
@@ -172,9 +176,9 @@ def by_kind(scenarios: Iterable[Scenario]) -> list[list[int]]:
 def _drive_batch(episodes: Episodes, sampler: Sampler, generators: Sequence[torch.Generator] | None) -> list[Episode]:
     """Drive `episodes` to their ends; actions are drawn by one generator per episode, or are the means for None."""
     count, scene_of = len(episodes.running), episodes.batch.log.scene
-    sums: list[dict[str, float]] = [defaultdict(float) for _ in range(count)]
+    totals = np.zeros((len(SUMMED), count))
     tracks: list[list[Track]] = [[] for _ in range(count)]
-    collided = np.zeros(count, np.bool_)
+    recorded = [isinstance(ego, LogEgo) for ego in episodes.egos]
     open_tracks: dict[int, list[tuple[np.ndarray, ...]]] = defaultdict(list)
     while episodes.running.any():
         before, scene = episodes.seen.copy(), scene_of[episodes.driven]
@@ -185,25 +189,17 @@ def _drive_batch(episodes: Episodes, sampler: Sampler, generators: Sequence[torc
             open_tracks[agent].append(step)
             if not outcome.driven_on[k]:
                 ended = bool(outcome.terminated[k])
-                tracks[scene[k]].append(_track(open_tracks.pop(agent), outcome.following[k], terminated=ended))
-        counted = np.array([getattr(outcome.terms, name) for name in COUNTED], np.float64)
-        there = _scenes(scene_of[outcome.present], count)
-        for number, (begin, end) in enumerate(_scenes(scene, count)):
-            if end > begin:
-                own, present = sums[number], slice(*there[number])
-                own["transitions"] += end - begin
-                own["penalty"] += float(outcome.penalty[begin:end].sum())
-                for name, total in zip(COUNTED, counted[:, present].sum(axis=1).tolist(), strict=True):
-                    own[name] += total
-                collided[number] |= outcome.terms.collision[present].any()
-    for own, has_collided in zip(sums, collided.tolist(), strict=True):
-        own["collided_episodes"] += float(has_collided)
-    return [Episode(of_one, dict(own)) for of_one, own in zip(tracks, sums, strict=True)]
-
-
-def _scenes(scene: IntArray, count: int) -> list[tuple[int, int]]:
-    """First row and end row (exclusive) of each of `count` scenes, where `scene` (m,) is sorted."""
-    return list(pairwise(scene.searchsorted(np.arange(count + 1)).tolist()))
+                track = _track(open_tracks.pop(agent), outcome.following[k], terminated=ended)
+                tracks[scene[k]].append(replace(track, recorded=recorded[scene[k]]))
+        there = scene_of[outcome.present]
+        weights = [(scene, np.ones(len(scene))), (scene, outcome.penalty)]
+        weights += [(there, getattr(outcome.terms, name).astype(np.float64)) for name in COUNTED]
+        totals += np.array([np.bincount(of, values, count) for of, values in weights])
+    sums = [dict(zip(SUMMED, column, strict=True)) for column in totals.T.tolist()]
+    for own in sums:
+        own["collided_episodes"] = float(own["collision"] > 0.0)
+        own["driven_episodes"] = float(own["transitions"] > 0.0)
+    return [Episode(of_one, own) for of_one, own in zip(tracks, sums, strict=True)]
 
 
 def _noise(scene: IntArray, generators: Sequence[torch.Generator]) -> FloatArray:
@@ -237,7 +233,7 @@ def validate(episodes: Iterable[Episode], config: TrainConfig) -> dict[str, floa
             f"training: no agent is driven in the {config.validation_episodes} episodes of validation, expected "
             "scenarios with vehicles near the ego or in conflict with it, or a larger validation_episodes"
         )
-    wanted = ("penalty", "collisions", "off_road", "hard_brake", "guard", "collided_share")
+    wanted = ("penalty", "collisions", "off_road", "hard_brake", "guard", "collided_share", "driven_episodes")
     return {f"validation_{name}": rates[name] for name in wanted} | {"validation_score": rates["penalty"]}
 
 

@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Literal
@@ -104,5 +105,7 @@ def _drive(part: Part, weights: Weights, seeds: list[int], draws: bool) -> list[
 
 
 def _course(data: TrainingData, config: TrainConfig, part: Part) -> Course:
-    scenarios = getattr(data, part)
-    return Course(scenarios, config.environment, config.observation, config.penalty, task=config.task)
+    scenarios, environment = getattr(data, part), config.environment
+    if part == "validation" and config.validate_conflicts:
+        environment = replace(environment, recorded=0.0, sampled=0)
+    return Course(scenarios, environment, config.observation, config.penalty, task=config.task)

@@ -3,8 +3,8 @@
 1. Scenarios: generated segments and real windows, on none of which results are reported.
 2. Experts, if anything is learned from them: observations and actions of the recorded drivers in them.
 3. Warm start: behaviour cloning of these drivers, and of the way back to the path from displaced poses; or of rules.
-4. Iterations: drive episodes; train the critic on recorded and policy actions at recorded moments; reward the policy
-   by the critic, less penalties for collisions and the like; update it by PPO.
+4. Iterations: drive episodes; train the critic on drivers and on the states and actions of these episodes; reward the
+   policy by the critic, less penalties for collisions and the like; update it by PPO.
 
 Every iteration draws from generators seeded by the run's seed and the iteration's number, so that a resumed run gives
 the same weights. The folder `--out` gets checkpoint.pt, history.json, curves.png, last.safetensors and
@@ -24,7 +24,7 @@ from tqdm import tqdm, trange
 
 from litsim_research.policies.checkpoint import BEST, CHECKPOINT, CURVES, Training
 from litsim_research.policies.config import TrainConfig
-from litsim_research.policies.critic import driven_pairs, expert_and_policy_pairs, update_critic
+from litsim_research.policies.critic import driven_pairs, expert_pairs_of, update_critic
 from litsim_research.policies.data import TrainingData, prepare
 from litsim_research.policies.expert import expert_pairs
 from litsim_research.policies.network import GaussianPolicy, driving_network
@@ -62,7 +62,9 @@ def _train(
     recorded = shown = None
     if config.imitates:
         random = np.random.default_rng([config.seed, 1])
-        experts = expert_pairs(data.each_once, config.observation, config.expert, config.task, random, data.real)
+        experts = expert_pairs(
+            data.each_once, config.observation, config.expert, config.task, random, data.real, data.reported
+        )
         recorded, shown = experts.demonstrations(config.expert.real_share)
         if not training.history:
             clone(training.policy, shown, config.warm_start, config.seed, shown.error)
@@ -114,13 +116,15 @@ def _iterate(
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
     critic: dict[str, float] = {}
-    if recorded is not None:  # while the pool drives
-        expert, drawn = expert_and_policy_pairs(training.policy, recorded, config.transitions, generator)
-        critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
     tracks, counts = collect(episodes)
     reward = np.concatenate([track.penalty for track in tracks])
     if recorded is not None:
-        logit = training.critic.reward(driven_pairs(tracks), config.critic.reward_limit).double().numpy()
+        driven = driven_pairs(tracks, config.observation)
+        comparable = driven[np.repeat([track.recorded for track in tracks], [len(track) for track in tracks])]
+        own = comparable if len(comparable) else driven
+        expert = expert_pairs_of(recorded, len(own), training.policy.std(), config.observation, generator)
+        critic = update_critic(training.critic, training.critic_optimiser, expert, own, config.critic, generator)
+        logit = training.critic.reward(driven, config.critic.reward_limit).double().numpy()
         reward = config.critic_reward * (logit - logit.mean()) / max(logit.std(), 1.0) + reward  # never amplified
         critic["critic_reward"] = float(logit.mean())
     update = training.improve(tracks, reward, generator, shown)

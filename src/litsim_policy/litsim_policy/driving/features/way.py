@@ -55,6 +55,7 @@ WAY_FEATURES = (
     "speed of the opponent less the own",
 )
 AHEAD, LOG, WAY = 6, 7, 14  # numbers of these features
+TASK = 6  # number of the last WAY_FEATURES, which tell the task: from the distance to the goal on
 CONTACT_HORIZON = 4.0  # [s] for which others are expected to continue
 PEDAL_CAPS = np.array([np.inf, -1.5, -3.0])  # [m/s2] most with which times to contact are computed
 FORESIGHT = 20  # [steps] beyond the position of the log with its lag
