@@ -24,7 +24,8 @@ def traffic_pairs(
     Paths follow the logs' routes, as after a takeover at the vehicle's first pair. `real` names the scenarios in which
     people drove.
     """
-    return ExpertPairs.of(scenarios, lambda scenario: _of_scenario(scenario, config, random), real)
+    people = [scenario.name in real for scenario in scenarios]
+    return ExpertPairs.of(scenarios, lambda scenario: _of_scenario(scenario, config, random), people)
 
 
 def _of_scenario(scenario: Scenario, config: PairsConfig, random: np.random.Generator) -> list[FloatArray]:

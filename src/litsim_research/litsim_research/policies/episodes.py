@@ -38,8 +38,6 @@ class EnvironmentConfig:
     Attributes:
         steps_max: steps after the history, fewer where the scenario ends before; the default is the paper's, while
             segments of 28 s have 250.
-        recorded: share of episodes in which the ego drives as recorded. There, the states that the policy visits are
-            comparable to drivers', so that the critic learns from these episodes only, if there are any.
         slots: most agents under the policy at a time; further ones are driven by policy yield.
         sampled: agents near the ego that are put under the policy at the start, with or without a conflict.
         sample_radius: distance from the ego within which they are drawn.
@@ -47,16 +45,18 @@ class EnvironmentConfig:
         handback_ends: whether no penalties are expected of agents that have been handed back, have left the scene, or
             have come to where their logs end, where sampled ones are no longer driven.
         off_road_ends: whether an episode is over once a driven agent has left the road.
+        recorded: share of episodes in which the ego drives as recorded. There, the states that the policy visits are
+            comparable to drivers', so that the critic learns from these episodes only, if there are any.
     """
 
     steps_max: Positive[Steps] = 300
-    recorded: Share = 0.0
     slots: Positive[Whole] = 10
     sampled: NonNegative[Whole] = 5
     sample_radius: NonNegative[Length] = 50.0
     sample_steps: NonNegative[Steps] = 100
     handback_ends: Flag = False
     off_road_ends: Flag = True
+    recorded: Share = 0.0
 
 
 @dataclass(frozen=True)
