@@ -1,9 +1,13 @@
-"""`paper`: run the paper's experiments, each a campaign that can be resumed, and make their tables and figures."""
+"""`paper`: run the paper's experiments, each a campaign that can be resumed, and make their tables and figures.
+
+`train` makes the paper's networks anew.
+"""
 
 from __future__ import annotations
 
 import argparse
 import os
+import sys
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from pathlib import Path
@@ -25,7 +29,7 @@ from litsim_research.paper.roads import REAL, SETS, missing
 from litsim_research.paper.running import carried_out
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import EXIT_INTERRUPTED, InputError
 from litsim_sim.io.yaml_input import read_text
 from litsim_sim.scenario.run_info import driver_names
 
@@ -35,6 +39,7 @@ FIGURES = "figures"
 ALL = "all"
 GOALS = "goals"
 CLAIMS = "claims"
+TRAIN = "train"
 SHOWN = (GOALS, TABLE.name, ABLATIONS.name, CHANGED.name, CLAIMS)
 """Tables that a page shows in short; all of them are CSV files beside it."""
 CAPTIONS = {
@@ -46,21 +51,24 @@ EPILOG = (
     "If interrupted, the same command resumes. 'claims' counts in how many tables of 'table' and 'ablation' each claim "
     "of the paper holds; 'figures' draws the runs of 'table'; 'cases' runs and draws the two case studies; 'all' does "
     "everything. Recorded roads need LITSIM_DATA, and the repository's root as folder; without them, they are left out "
-    "with a note."
+    "with a note. 'train' makes the paper's predictor and policy C from the packaged configurations, into the folder "
+    "'train' of --out; it needs LITSIM_DATA, and about two hours of one core for each seed. 'all' leaves it out: it "
+    "drives with the packaged ones."
 )
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_research paper``."""
     p = Parser(prog="paper", description=__doc__, epilog=EPILOG, formatter_class=DefaultsFormatter)
-    parts = (*EXPERIMENTS, CLAIMS, FIGURES, CASES, ALL)
+    parts = (*EXPERIMENTS, CLAIMS, FIGURES, CASES, ALL, TRAIN)
     p.add_argument("what", choices=parts, help="experiment to run, or output to make")
     p.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="sets of cases")
     p.add_argument(
         "--ego", nargs="+", choices=driver_names(), help="what drives the ego, instead of the experiment's own"
     )
     p.add_argument("--out", type=Path, default=Path(DEFAULT_OUT), help="folder of campaigns, tables and figures")
-    p.add_argument("--processes", type=at_least_one, default=2, help="number of runs at a time")
+    p.add_argument("--processes", type=at_least_one, default=2, help="number of runs or trainings at a time")
+    p.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="seeds of 'train'")
     p.add_argument("--quick", action="store_true", help="only a few short runs, as a trial")
     p.add_argument("--overwrite", action="store_true", help="start afresh if the sources have changed since")
     p.add_argument("--as-it-is", action="store_true", help="run nothing; make tables and figures from existing runs")
@@ -243,11 +251,28 @@ def _rows(campaign: Campaign, experiment: Experiment, egos: Sequence[str], sets:
     return records + tables.published_rows(tables.CONFLICTING_EGOS, experiment.published)
 
 
+def trained(arguments: argparse.Namespace) -> int:
+    """Make the paper's networks as the `arguments` ask, print where they are, and return the exit status."""
+    from litsim_research.paper import training
+
+    out: Path = arguments.out / TRAIN
+    wanted = training.jobs(out, arguments.seeds, quick=arguments.quick)
+    try:
+        training.train(wanted, out, arguments.processes)
+    except KeyboardInterrupt:
+        print(f"\ninterrupted; the same command continues; {out / training.SUMMARY}.csv says where", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    print("\n".join(training.summary(wanted)))
+    return 0
+
+
 @program
 def main(argv: list[str] | None = None) -> int:
     """Entry point of ``ros2 run litsim_research paper``."""
     arguments = parser().parse_args(argv)
     interrupt_on_signals()
+    if arguments.what == TRAIN:
+        return trained(arguments)
     work = Work(arguments)
     parts: dict[str, Callable[[], None]] = {
         **{name: partial(work.experiment, experiment) for name, experiment in EXPERIMENTS.items()},

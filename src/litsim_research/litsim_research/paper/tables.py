@@ -221,7 +221,7 @@ def published_rows(ego: str, values: Mapping[str, Mapping[str, float]]) -> list[
     ]
 
 
-def write_csv(path: Path, records: Sequence[R]) -> None:
+def write_csv(path: Path, records: Sequence[NamedTuple]) -> None:
     """Write `records` to the file `path`, with a line of headings."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as new, new.open("w", encoding="utf-8", newline="") as stream:
