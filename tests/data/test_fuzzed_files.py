@@ -20,13 +20,13 @@ import made_sources
 from litsim_data.maps.lanelet2_osm import read_graph
 from litsim_data.maps.opendrive_lanes import read_lanes
 from litsim_data.maps.opendrive_roads import Roads
-from litsim_data.ngsim.sites import US101
 from litsim_data.sources.openscenario.source import OpenScenario
 from litsim_data.sources.scenario_net import ScenarioNet
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
-from made_ngsim import Traffic, table, write_portal, write_text
+from made_maps import opendrive, road
+from made_ngsim import table, write_portal, write_text
 
 WORDS = (
     "nan",
@@ -53,7 +53,7 @@ NUMBERS = [float("nan"), float("inf"), -1e300, 1e300, 0.0, -1.0, 0.5]
 
 def made_text(folder: Path, *, portal: bool) -> str:
     path = folder / "made.txt"
-    (write_portal if portal else write_text)(table(Traffic(US101, "0750", rows=60)), path)
+    (write_portal if portal else write_text)(table(rows_wanted=60), path)
     return path.read_text()
 
 
@@ -241,10 +241,10 @@ def tracks_of(path: Path) -> Any:
 READERS: dict[str, tuple[Callable[[Path], str], Callable[[Path], Any]]] = {
     "made.xosc": (scenario_text, tracks_of),
     "both.xodr": (
-        lambda _: made_sources.opendrive().replace("</OpenDRIVE>", made_sources.opendrive(' rule="LHT"')[11:]),
+        lambda _: opendrive(road(), road(rule=' rule="LHT"')),
         lambda path: read_lanes(path).by_id,
     ),
-    "made.xodr": (lambda _: made_sources.opendrive(), lambda path: Roads(path).place(0.0, -1.75, 0.0)),
+    "made.xodr": (lambda _: opendrive(), lambda path: Roads(path).place(0.0, -1.75, 0.0)),
     "made.osm": (map_text, lambda path: read_graph(path, (49.0, 8.4)).by_id),
 }
 
@@ -258,7 +258,7 @@ def test_spoilt_scenarios_and_maps_are_refused_or_read(
     if name == "made.osm":
         pytest.importorskip("lanelet2")
     folder = tmp_path_factory.getbasetemp()
-    (folder / "made.xodr").write_text(made_sources.opendrive())
+    (folder / "made.xodr").write_text(opendrive())
     text, read = READERS[name]
     path = folder / f"spoilt.{name}"
     path.write_bytes(data.draw(spoilt_xml(text(folder))))

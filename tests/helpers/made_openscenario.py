@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-import made_sources
+from made_maps import opendrive
 
 BOX = (
     '<BoundingBox><Center x="{x}" y="0" z="0.8"/><Dimensions length="{length}" width="2.0" height="1.6"/></BoundingBox>'
@@ -79,7 +79,7 @@ def act(name: str, actor: str, events: dict[str, tuple[str, str]], trigger: str 
 def write(folder: Path, entities: dict[str, str], init: dict[str, str], acts: str = "", stop: str = "") -> Path:
     """A scenario on a road along x from -150 to 150 m."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "made.xodr").write_text(made_sources.opendrive())
+    (folder / "made.xodr").write_text(opendrive())
     objects = "".join(f'<ScenarioObject name="{name}">{entity}</ScenarioObject>' for name, entity in entities.items())
     first = "".join(f'<Private entityRef="{name}">{actions}</Private>' for name, actions in init.items())
     path = folder / "made.xosc"

@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from litsim_data.exports.export import add
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet, around
 from litsim_data.maps.net_builder import write_graph
+from made_maps import add_lanelets, opendrive
 
 STEPS = 111
 WALKING, PARKED, STANDING = 5, 4, 3
@@ -105,19 +106,7 @@ def argoverse(folder: Path) -> Path:
 def commonroad(path: Path, step: float = 0.1) -> Path:
     root = ET.Element("commonRoad", {"commonRoadVersion": "2020a", "benchmarkID": "ZAM_Made-1_1_T-1"})
     root.set("timeStepSize", str(step))
-    numbers = {one.id: str(100 + at) for at, one in enumerate(lanes())}
-
-    for one in lanes():
-        lanelet = add(root, "lanelet", id=numbers[one.id])
-        for name, bound in (("leftBound", one.left), ("rightBound", one.right)):
-            side = add(lanelet, name)
-            for x, y in bound:
-                point = add(side, "point")
-                add(point, "x", x), add(point, "y", y)
-        for other in one.successors:
-            add(lanelet, "successor", ref=numbers[other])
-        if one.id == "e0":
-            add(lanelet, "trafficLightRef", ref=50)
+    add(add_lanelets(root, lanes())["e0"], "trafficLightRef", ref=50)
     cycle = add(add(root, "trafficLight", id=50), "cycle")
     for colour, lasts in (("green", 400), ("yellow", 30), ("red", 300)):
         element = add(cycle, "cycleElement")
@@ -208,19 +197,6 @@ def level_x(folder: Path, data_set: str = "inD") -> Path:
         (maps / "01_place.xodr").write_text(opendrive())
         (maps / "11_other.xodr").write_text(opendrive())
     return folder
-
-
-def opendrive(rule: str = "") -> str:
-    """A road along x with a lane on each side, 3.5 m wide, from x = -150 to 150 m."""
-    lane = '<lane id="{}" type="driving" level="false"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>'
-    header = '<header revMajor="1" revMinor="4" name="" version="1" north="0" south="0" east="0" west="0"/>'
-    plan = '<planView><geometry s="0" x="-150" y="0" hdg="0" length="300"><line/></geometry></planView>'
-    middle = '<center><lane id="0" type="none" level="false"/></center>'
-    sides = f"<left>{lane.format(1)}</left>{middle}<right>{lane.format(-1)}</right>"
-    return (
-        f'<OpenDRIVE>{header}<road name="" length="300" id="1" junction="-1"{rule}><link/>{plan}<lanes>'
-        f'<laneSection s="0">{sides}</laneSection></lanes></road></OpenDRIVE>'
-    )
 
 
 def interaction(folder: Path) -> Path:

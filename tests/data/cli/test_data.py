@@ -14,7 +14,7 @@ from command_line import refusal
 from litsim_data import cli as data
 from litsim_data.exports import reading
 from litsim_data.exports import table as export
-from litsim_data.ngsim.sites import I80, US101
+from litsim_data.ngsim.sites import I80
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.signals import SignalState
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -22,7 +22,7 @@ from litsim_sim.record.run import Run, RunInfo
 from litsim_sim.scenario.recording import COLUMNS, Recording
 from litsim_sim.scenario.scenario import packaged
 from litsim_sim.scenario.signals import Signals
-from made_ngsim import Traffic, table, write_portal, write_text
+from made_ngsim import table, write_portal, write_text
 
 EMBEDDED = packaged("scenarios/us101_like.parquet")
 STREET = packaged("suites/small/street_14.parquet", "litsim_eval")
@@ -30,12 +30,19 @@ STREET = packaged("suites/small/street_14.parquet", "litsim_eval")
 
 @pytest.fixture(scope="module")
 def portal_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("portal") / "portal.csv"
-    write_portal(pd.concat([table(Traffic(US101, "0750", 2000)), table(Traffic(I80, "1600", 2000))]), path)
-    return path
+    return write_portal(pd.concat([table(), table(I80, "1600")]), tmp_path_factory.mktemp("portal") / "portal.csv")
 
 
 # Convert and info
+
+
+COLUMNS_OF_CARS = {"vehicle_id": "id", "frame": "n", "x": "x", "y": "y", "length": 4, "width": 2}
+
+
+def mapping_at(path: Path, **fields: object) -> Path:
+    made = {"name": "made", "columns": COLUMNS_OF_CARS, "reference": "box_centre"}
+    path.write_text(yaml.safe_dump(made | fields, sort_keys=False))
+    return path
 
 
 def test_convert_and_info_of_official_files(
@@ -57,9 +64,7 @@ def test_convert_and_info_of_official_files(
 def test_convert_with_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = tmp_path / "in.csv"
     pd.DataFrame({"id": "a", "n": range(20), "x": np.arange(20) * 1.0, "y": 0.0}).to_csv(source, index=False)
-    columns = {"vehicle_id": "id", "frame": "n", "x": "x", "y": "y", "length": 4, "width": 2}
-    mapping = tmp_path / "m.yaml"
-    mapping.write_text(yaml.safe_dump({"name": "made", "columns": columns, "reference": "box_centre"}))
+    mapping = mapping_at(tmp_path / "m.yaml")
     data.main(["convert", str(source), str(tmp_path / "out.parquet"), "--mapping", str(mapping)])
     assert "0 to 19 (1.9 s at 10 Hz), 20 rows" in capsys.readouterr().out
     assert len(Recording.read(tmp_path / "out.parquet").table) == 20
@@ -74,12 +79,10 @@ def test_convert_with_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[st
 def test_noisy_motion_is_kept_by_raw_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     x = np.arange(80) + np.random.default_rng(0).normal(0.0, 0.1, 80)
     pd.DataFrame({"id": "a", "n": range(80), "x": x, "y": 0.0}).to_csv(tmp_path / "in.csv", index=False)
-    columns = {"vehicle_id": "id", "frame": "n", "x": "x", "y": "y", "length": 4, "width": 2}
-    fields = {"name": "made", "columns": columns, "reference": "box_centre"}
-    (tmp_path / "m.yaml").write_text(yaml.safe_dump(fields))
-    command = ["convert", *(str(tmp_path / name) for name in ("in.csv", "out.parquet")), "--mapping"]
+    mapping = mapping_at(tmp_path / "m.yaml")
+    command = ["convert", str(tmp_path / "in.csv"), str(tmp_path / "out.parquet"), "--mapping", str(mapping)]
     for options, cleaned in (([], True), (["--raw"], False)):
-        data.main([*command, str(tmp_path / "m.yaml"), *options])
+        data.main([*command, *options])
         assert ("noisy      cleaned: accelerations beyond" in capsys.readouterr().out) == cleaned
         found = Recording.read(tmp_path / "out.parquet").table["x"]
         assert (np.abs(found - x).max() < 1e-6) != cleaned
@@ -88,11 +91,9 @@ def test_noisy_motion_is_kept_by_raw_alone(tmp_path: Path, capsys: pytest.Captur
 def test_one_mapping_for_several_recordings_with_vehicles_of_their_own(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    columns = {"vehicle_id": "id", "frame": "n", "x": "x", "y": "y", "length": "long", "width": 2}
-    fields = {"name": "made", "columns": columns, "reference": "box_centre"}
-    vehicles = {"vehicles": {"file": "01_meta.csv", "vehicle_id": "id"}}
-    (tmp_path / "m.yaml").write_text(yaml.safe_dump(fields | vehicles))
-    (tmp_path / "plain.yaml").write_text(yaml.safe_dump(fields | {"columns": columns | {"length": 4}}))
+    vehicles = {"file": "01_meta.csv", "vehicle_id": "id"}
+    mapping = mapping_at(tmp_path / "m.yaml", columns=COLUMNS_OF_CARS | {"length": "long"}, vehicles=vehicles)
+    plain = mapping_at(tmp_path / "plain.yaml")
     for number in (1, 2):
         track = pd.DataFrame({"id": 7, "n": range(20), "x": np.arange(20) * 1.0, "y": 0.0})
         track.to_csv(tmp_path / f"0{number}_tracks.csv", index=False)
@@ -100,15 +101,12 @@ def test_one_mapping_for_several_recordings_with_vehicles_of_their_own(
     command = ["convert", str(tmp_path / "02_tracks.csv"), str(tmp_path / "out.parquet")]
     second = ["--vehicles", str(tmp_path / "02_meta.csv")]
     for options, length in (([], 4.0), (second, 5.0)):
-        data.main([*command, "--mapping", str(tmp_path / "m.yaml"), *options])
+        data.main([*command, "--mapping", str(mapping), *options])
         recording = Recording.read(tmp_path / "out.parquet")
         assert set(recording.table["length"]) == {length}
         assert str(tmp_path) not in str(recording.header.notes)
     capsys.readouterr()
-    for options, said in (
-        ([], "--vehicles goes with --mapping"),
-        (["--mapping", str(tmp_path / "plain.yaml")], "field"),
-    ):
+    for options, said in (([], "--vehicles goes with --mapping"), (["--mapping", str(plain)], "field")):
         assert said in refusal(capsys, data.main, *command, *options, *second)
 
 
@@ -119,14 +117,11 @@ def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest
         for number in range(6)
     ]
     pd.concat(cars).to_csv(tmp_path / "in.csv", index=False)
-    columns = {"vehicle_id": "id", "frame": "n", "x": "x", "y": "y", "length": 4, "width": 2}
-    fields = {"name": "made", "columns": columns, "reference": "box_centre", "rate_hz": 25, "signals": "signals.yaml"}
-    (tmp_path / "m.yaml").write_text(yaml.safe_dump(fields | {"net": "urban_like.net.xml"}))
+    mapping = mapping_at(tmp_path / "m.yaml", rate_hz=25, signals="signals.yaml", net="urban_like.net.xml")
     states = {"file": "states.csv", "unit": "frame"}
     (tmp_path / "signals.yaml").write_text(yaml.safe_dump({"groups": {"east": ["WA"]}, "states": states}))
     (tmp_path / "states.csv").write_text("group,begin,state\neast,0,green\neast,50,red\neast,75,green\n")
-    command = ["convert", str(tmp_path / "in.csv"), str(tmp_path / "out.parquet")]
-    data.main([*command, "--mapping", str(tmp_path / "m.yaml")])
+    data.main(["convert", str(tmp_path / "in.csv"), str(tmp_path / "out.parquet"), "--mapping", str(mapping)])
     carried = Recording.read(tmp_path / "out.parquet").header.signals["changes"]
     assert carried == [[0.0, "east", "green"], [2.0, "east", "red"], [3.0, "east", "green"]]
     assert "east: 6 vehicles pass, 1 at red" in capsys.readouterr().out
@@ -175,8 +170,7 @@ def test_errors_take_one_line_and_status_2(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    write_text(table(Traffic(US101, "0750", 2)), tmp_path / "cut.txt")
-    text = (tmp_path / "cut.txt").read_text()
+    text = write_text(table(rows_wanted=2), tmp_path / "cut.txt").read_text()
     (tmp_path / "cut.txt").write_text(text[: len(text) - 60])
     said = refusal(capsys, data.main, *arguments).strip().splitlines()
     assert message in said[-1]
@@ -343,6 +337,3 @@ def test_exported_lanes_count_from_the_left_beside_a_footpath(agent_table: objec
     net = f'<net version="1.20"><edge id="a" from="x" to="y" priority="1">{lanes}</edge>{ends}</net>'
     rows = export.trajectories(a_run(agent_table, net_xml=net.encode()))
     assert rows["lane"].tolist() == [1, 2] * 4
-
-
-# The maker of big files

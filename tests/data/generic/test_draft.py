@@ -13,21 +13,35 @@ from litsim_data.generic.convert import convert
 from litsim_data.generic.draft import draft
 from litsim_data.generic.mapping import Mapping
 from litsim_sim.core.errors import InputError
+from made_tables import written
 
 Traffic = Callable[..., pd.DataFrame]
 OPTIONAL = {"heading": "yaw", "speed": "speed"}
 
 
-def drafted(path: Path | list[Path]) -> Mapping:
-    return Mapping.model_validate(yaml.safe_load(draft(path)))
+def mapping_of(text: str) -> Mapping:
+    return Mapping.model_validate(yaml.safe_load(text))
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "case.csv"
+
+
+def drafted(path: Path, table: pd.DataFrame) -> Mapping:
+    """What is drafted from a table, written to `path`."""
+    return mapping_of(draft(written(path, table)))
+
+
+def made_of(path: Path, table: pd.DataFrame) -> pd.DataFrame:
+    """What the drafted mapping makes of a table, written to `path`."""
+    return convert(path, drafted(path, table))[0].table
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory, traffic: Traffic) -> pd.DataFrame:
     """What a drafted mapping makes of the traffic itself."""
-    path = tmp_path_factory.mktemp("plain") / "plain.csv"
-    traffic().to_csv(path, index=False)
-    return convert(path, drafted(path))[0].table
+    return made_of(tmp_path_factory.mktemp("plain") / "plain.csv", traffic())
 
 
 @pytest.mark.parametrize(
@@ -65,17 +79,16 @@ def plain(tmp_path_factory: pytest.TempPathFactory, traffic: Traffic) -> pd.Data
     ],
 )
 def test_units_and_conventions_are_found(
-    tmp_path: Path, traffic: Traffic, plain: pd.DataFrame, change: Callable[..., pd.DataFrame]
+    path: Path, traffic: Traffic, plain: pd.DataFrame, change: Callable[..., pd.DataFrame]
 ) -> None:
-    change(traffic()).to_csv(tmp_path / "case.csv", index=False)
-    made = convert(tmp_path / "case.csv", drafted(tmp_path / "case.csv"))[0].table
+    made = made_of(path, change(traffic()))
     assert plain["speed"].max() == pytest.approx(11.0)
     pd.testing.assert_frame_equal(made, plain, atol=0.02, rtol=0.0)
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("km/h", 3.6), ("ft/s", 1.0 / 0.3048)])
 def test_units_that_are_close_are_told_apart_in_noisy_positions(
-    tmp_path: Path, traffic: Traffic, unit: str, factor: float
+    path: Path, traffic: Traffic, unit: str, factor: float
 ) -> None:
     noise = np.random.default_rng(3).normal(0.0, 0.03, (2, 1500))  # 1 m/s from row to row at 25 Hz
     table = traffic(speed=factor).drop(columns="heading")
@@ -84,58 +97,53 @@ def test_units_that_are_close_are_told_apart_in_noisy_positions(
     table["x"], table["y"] = (
         100.0 + (table[axis] - 100.0) * slow + each for axis, each in zip("xy", noise, strict=True)
     )
-    table.to_csv(tmp_path / "case.csv", index=False)
-    mapping = drafted(tmp_path / "case.csv")
+    mapping = drafted(path, table)
     assert mapping.units.speed == unit
-    convert(tmp_path / "case.csv", mapping)
+    convert(path, mapping)
     other = mapping.units.model_copy(update={"speed": {"km/h": "ft/s", "ft/s": "km/h"}[unit]})
     with pytest.raises(InputError, match=rf"fastest quarter\); units.speed {unit} would fit better than {other.speed}"):
-        convert(tmp_path / "case.csv", mapping.model_copy(update={"units": other}))
+        convert(path, mapping.model_copy(update={"units": other}))
 
 
-def test_columns_with_empty_cells_are_used_only_where_they_must_be(tmp_path: Path, traffic: Traffic) -> None:
+def test_columns_with_empty_cells_are_used_only_where_they_must_be(path: Path, traffic: Traffic) -> None:
     table = traffic().assign(lane=1.0)
     table.loc[[3, 700], ["heading", "lane"]] = np.nan
-    table.to_csv(tmp_path / "case.csv", index=False)
-    assert "# heading has cells without a number, and is not used; lane has cells" in draft(tmp_path / "case.csv")
-    made = convert(tmp_path / "case.csv", drafted(tmp_path / "case.csv"))[0].table
+    made = made_of(path, table)
+    assert "# heading has cells without a number, and is not used; lane has cells" in draft(path)
     assert len(made) == 5 * 120 and (made["lane"] == -1).all()
 
 
 def test_people_need_no_headings(tmp_path: Path, traffic: Traffic) -> None:
     """As in INTERACTION, whose pedestrians are in a file of their own."""
     people = traffic().assign(agent_type="pedestrian/bicycle", track_id=lambda rows: "P" + rows["track_id"].astype(str))
-    traffic().to_csv(tmp_path / "vehicles.csv", index=False)
-    people.drop(columns=["heading", "length", "width"]).to_csv(tmp_path / "people.csv", index=False)
-    files = [tmp_path / "vehicles.csv", tmp_path / "people.csv"]
-    mapping = drafted(files)
+    people = people.drop(columns=["heading", "length", "width"])
+    files = [written(tmp_path / "vehicles.csv", traffic()), written(tmp_path / "people.csv", people)]
+    mapping = mapping_of(draft(files))
     assert mapping.columns.yaw == "heading" and mapping.kinds == {"car": "car", "pedestrian/bicycle": "drop"}
     assert set(convert(files, mapping)[0].table["vehicle_id"]) == {1, 2, 3, 4, 5}
 
 
-def test_kinds_clips_and_what_is_missing(tmp_path: Path, traffic: Traffic) -> None:
+def test_kinds_clips_and_what_is_missing(path: Path, traffic: Traffic) -> None:
     table = pd.concat([traffic().assign(case_id=case) for case in (7, 8)])
     table.loc[table["track_id"] == 2, "agent_type"] = "pedestrian/bicycle"
     table.loc[table["track_id"] == 3, "agent_type"] = "truck"
-    table.drop(columns=["length", "width"]).assign(note="-").to_csv(tmp_path / "case.csv", index=False)
-    text = draft(tmp_path / "case.csv")
-    mapping = Mapping.model_validate(yaml.safe_load(text))
+    text = draft(written(path, table.drop(columns=["length", "width"]).assign(note="-")))
+    mapping = mapping_of(text)
     assert mapping.kinds == {"car": "car", "pedestrian/bicycle": "drop", "truck": "truck"}
     assert mapping.clip == 7
     assert mapping.columns.length is mapping.columns.width is None
     assert "not used: note." in text.splitlines()[0]
     assert "the file has no length and width" in text
-    sizes = convert(tmp_path / "case.csv", mapping)[0].table.groupby("vehicle_id")[["length", "width"]].first()
+    sizes = convert(path, mapping)[0].table.groupby("vehicle_id")[["length", "width"]].first()
     assert sizes.to_numpy().tolist() == [[4.6, 1.9], [12.0, 2.5], [4.6, 1.9], [4.6, 1.9]]
 
 
-def test_numbers_of_kinds_mean_what_ngsim_means_by_them_in_its_column_alone(tmp_path: Path, traffic: Traffic) -> None:
+def test_numbers_of_kinds_mean_what_ngsim_means_by_them_in_its_column_alone(path: Path, traffic: Traffic) -> None:
     table = traffic().assign(agent_type=lambda rows: rows["track_id"] % 3 + 1)
-    table.to_csv(tmp_path / "case.csv", index=False)
-    assert drafted(tmp_path / "case.csv").kinds == dict.fromkeys("123", "unknown")  # of Waymo's, 2 is a pedestrian
-    assert "unknown ones are vehicles, too: say what they are" in draft(tmp_path / "case.csv")
-    table.rename(columns={"agent_type": "v_Class"}).to_csv(tmp_path / "case.csv", index=False)
-    assert drafted(tmp_path / "case.csv").kinds == {"1": "motorcycle", "2": "car", "3": "truck"}
+    assert drafted(path, table).kinds == dict.fromkeys("123", "unknown")  # of Waymo's, 2 is a pedestrian
+    assert "unknown ones are vehicles, too: say what they are" in draft(path)
+    of_ngsim = table.rename(columns={"agent_type": "v_Class"})
+    assert drafted(path, of_ngsim).kinds == {"1": "motorcycle", "2": "car", "3": "truck"}
 
 
 def test_kinds_of_argoverse(tmp_path: Path, traffic: Traffic) -> None:
@@ -144,8 +152,7 @@ def test_kinds_of_argoverse(tmp_path: Path, traffic: Traffic) -> None:
         object_type=lambda rows: rows["track_id"].map(dict(enumerate(said, 1))),
         timestep=lambda rows: (rows["timestamp"] * 25).round().astype(int),
     )
-    table.drop(columns=["timestamp", "agent_type"]).to_parquet(tmp_path / "case.parquet")
-    mapping = drafted(tmp_path / "case.parquet")
+    mapping = drafted(tmp_path / "case.parquet", table.drop(columns=["timestamp", "agent_type"]))
     assert mapping.columns.frame == "timestep"
     assert mapping.kinds == dict(zip(said, ["car", "motorcycle", "drop", "drop", "truck"], strict=True))
 
@@ -160,8 +167,7 @@ def test_kinds_of_argoverse(tmp_path: Path, traffic: Traffic) -> None:
 )
 def test_clips_by_any_name(tmp_path: Path, traffic: Traffic, names: tuple[Any, ...], clip: int | str) -> None:
     path = tmp_path / "case.parquet"
-    pd.concat([traffic().assign(case_id=name) for name in names]).to_parquet(path, index=False)
-    mapping = drafted(path)
+    mapping = drafted(path, pd.concat([traffic().assign(case_id=name) for name in names]))
     assert mapping.clip == clip
     assert convert(path, mapping)[1].left_out == {f"of another clip than {clip}": 2 * len(traffic())}
 
@@ -181,24 +187,21 @@ def test_clips_by_any_name(tmp_path: Path, traffic: Traffic, names: tuple[Any, .
     ],
 )
 def test_names_of_simulators_and_data_sets(
-    tmp_path: Path, traffic: Traffic, names: list[str], kind: str, ours: str
+    path: Path, traffic: Traffic, names: list[str], kind: str, ours: str
 ) -> None:
     given = ["track_id", "timestamp", "x", "y", "heading", "agent_type"]
     lanes = traffic().assign(agent_type=kind, vehicle_lane="E1_0")
-    lanes.rename(columns=dict(zip(given, names, strict=True))).to_csv(tmp_path / "case.csv", index=False)
-    mapping = drafted(tmp_path / "case.csv")
+    mapping = drafted(path, lanes.rename(columns=dict(zip(given, names, strict=True))))
     read = [getattr(mapping.columns, name) for name in ("vehicle_id", "time", "x", "y", "yaw", "kind", "lane")]
     assert read == [*names, None] and mapping.kinds == {kind: ours}
     assert mapping.reference == ("front_centre" if names[2] == "vehicle_x" else "box_centre")
 
 
-def test_frames_have_a_rate_that_only_the_source_knows(tmp_path: Path, traffic: Traffic) -> None:
+def test_frames_have_a_rate_that_only_the_source_knows(path: Path, traffic: Traffic) -> None:
     table = traffic().assign(frame=lambda rows: (rows["timestamp"] * 25).round().astype(int)).drop(columns="timestamp")
-    table.to_csv(tmp_path / "case.csv", index=False)
-    text = draft(tmp_path / "case.csv")
-    assert "rate_hz: 25.0  # a guess by the change of positions" in text
-    table.drop(columns=["speed", "heading"]).to_csv(tmp_path / "case.csv", index=False)
-    assert "rate_hz: 10.0  # a guess: frames per second of the camera" in draft(tmp_path / "case.csv")
+    assert "rate_hz: 25.0  # a guess by the change of positions" in draft(written(path, table))
+    bare = table.drop(columns=["speed", "heading"])
+    assert "rate_hz: 10.0  # a guess: frames per second of the camera" in draft(written(path, bare))
 
 
 @pytest.mark.parametrize(
@@ -206,14 +209,13 @@ def test_frames_have_a_rate_that_only_the_source_knows(tmp_path: Path, traffic: 
     [(2.0, "m/s", 1.0), (5.0, "km/h", 3.6), (12.5, "mph", 1.0 / 0.44704), (25.0, "ft/s", 1.0 / 0.3048)],
 )
 def test_the_rate_of_frames_by_which_speeds_agree(
-    tmp_path: Path, traffic: Traffic, rate: float, unit: str, factor: float
+    path: Path, traffic: Traffic, rate: float, unit: str, factor: float
 ) -> None:
     slow = 0.25  # 3 m/s and less, which would be 1 m/s at the 10 Hz that a draft begins with
     table = traffic(x=slow, y=slow, speed=slow * factor)
     frame = table["timestamp"] * rate
     table = table.assign(frame=frame.round().astype(int))[np.abs(frame - frame.round()) < 1e-6]
-    table.drop(columns="timestamp").to_csv(tmp_path / "case.csv", index=False)
-    mapping = drafted(tmp_path / "case.csv")
+    mapping = drafted(path, table.drop(columns="timestamp"))
     assert (mapping.rate_hz, mapping.units.speed) == (rate, unit)
 
 
@@ -228,24 +230,23 @@ def test_the_rate_of_frames_by_which_speeds_agree(
     ],
 )
 def test_positions_are_in_feet_where_sizes_are_unless_their_name_says_metres(
-    tmp_path: Path, traffic: Traffic, x: str, without: list[str], position: str, speed: str
+    path: Path, traffic: Traffic, x: str, without: list[str], position: str, speed: str
 ) -> None:
     """Feet and ft/s agree with each other as well as metres and m/s do: only sizes, whose range is known, tell."""
     table = traffic(x=1 / 0.3048, y=1 / 0.3048, speed=1 / 0.3048, length=1 / 0.3048, width=1 / 0.3048)
-    table.drop(columns=without).rename(columns={"x": x}).to_csv(tmp_path / "case.csv", index=False)
-    text = draft(tmp_path / "case.csv")
-    mapping = Mapping.model_validate(yaml.safe_load(text))
+    text = draft(written(path, table.drop(columns=without).rename(columns={"x": x})))
+    mapping = mapping_of(text)
     assert (mapping.units.size, mapping.units.position, mapping.units.speed) == ("ft", position, speed)
     assert ("position: ft  # a guess: sizes are in feet, too" in text) == (position == "ft")
 
 
-def test_a_table_without_places(tmp_path: Path, traffic: Traffic) -> None:
-    traffic().drop(columns=["x", "timestamp"]).to_csv(tmp_path / "case.csv", index=False)
+def test_a_table_without_places(path: Path, traffic: Traffic) -> None:
+    written(path, traffic().drop(columns=["x", "timestamp"]))
     with pytest.raises(InputError, match=r"no column looks like x, time or frame; the file has \['track_id', 'y'"):
-        draft(tmp_path / "case.csv")
-    traffic().rename(columns={"x": "lon", "y": "Latitude"}).to_csv(tmp_path / "case.csv", index=False)
+        draft(path)
+    written(path, traffic().rename(columns={"x": "lon", "y": "Latitude"}))
     with pytest.raises(InputError, match=r"columns lon and Latitude are no longitudes and latitudes of one place"):
-        draft(tmp_path / "case.csv")
+        draft(path)
 
 
 @pytest.mark.parametrize(
@@ -256,16 +257,15 @@ def test_a_table_without_places(tmp_path: Path, traffic: Traffic) -> None:
     ],
 )
 def test_a_unit_of_positions_by_which_speeds_agree(
-    tmp_path: Path, traffic: Traffic, factors: dict[str, float], units: tuple[str, str], said: str
+    path: Path, traffic: Traffic, factors: dict[str, float], units: tuple[str, str], said: str
 ) -> None:
-    traffic(**factors).to_csv(tmp_path / "case.csv", index=False)
-    text = draft(tmp_path / "case.csv")
-    mapping = Mapping.model_validate(yaml.safe_load(text))
+    text = draft(written(path, traffic(**factors)))
+    mapping = mapping_of(text)
     assert (mapping.units.position, mapping.units.speed) == units
     assert said in text
 
 
-def test_corners_of_boxes_in_a_picture_and_components_of_speed(tmp_path: Path, traffic: Traffic) -> None:
+def test_corners_of_boxes_in_a_picture_and_components_of_speed(path: Path, traffic: Traffic) -> None:
     """Columns as in highD: the width of a box is the length of the vehicle, and frames tell nothing of their rate."""
     table = traffic()
     gone = table["speed"] * table["timestamp"]
@@ -281,14 +281,12 @@ def test_corners_of_boxes_in_a_picture_and_components_of_speed(tmp_path: Path, t
             "yVelocity": 0.0,
         }
     )
-    picture.to_csv(tmp_path / "in.csv", index=False)
-    fields = yaml.safe_load(draft(tmp_path / "in.csv"))
-    assert fields["columns"]["length"] == "width"
-    assert fields["columns"]["width"] == "height"
-    assert fields["columns"]["speed"] == ["xVelocity", "yVelocity"]
-    assert fields["reference"] == "box_corner"
-    assert fields["rate_hz"] == 25.0
-    made = convert(tmp_path / "in.csv", Mapping.model_validate(fields))[0].table
+    mapping = drafted(path, picture)
+    columns = mapping.columns
+    assert (columns.length, columns.width, columns.speed) == ("width", "height", ("xVelocity", "yVelocity"))
+    assert mapping.reference == "box_corner"
+    assert mapping.rate_hz == 25.0
+    made = convert(path, mapping)[0].table
     first = made[made["frame"] == 0]
     np.testing.assert_allclose(first["x"], 400.0, atol=1e-9)
     np.testing.assert_allclose(first["y"], 4.0 * first["vehicle_id"], atol=1e-9)
@@ -296,23 +294,20 @@ def test_corners_of_boxes_in_a_picture_and_components_of_speed(tmp_path: Path, t
 
 
 @pytest.mark.parametrize("column", ["timestamp", "x", "heading", "speed", "width"])
-def test_cells_that_are_no_numbers(tmp_path: Path, traffic: Traffic, column: str) -> None:
+def test_cells_that_are_no_numbers(path: Path, traffic: Traffic, column: str) -> None:
     """A draft does without an optional column with an empty cell; text, such as decimal commas, is refused."""
     table = traffic()
-    table.assign(**{column: table[column].where(table.index != 2)}).to_csv(tmp_path / "in.csv", index=False)
-    with_gap = drafted(tmp_path / "in.csv")
-    table.to_csv(tmp_path / "in.csv", index=False)
-    whole = drafted(tmp_path / "in.csv")
+    with_gap = drafted(path, table.assign(**{column: table[column].where(table.index != 2)}))
+    whole = drafted(path, table)
     assert with_gap.columns == whole.columns.model_copy(update={OPTIONAL[column]: None} if column in OPTIONAL else {})
-    table.astype({column: object}).assign(**{column: "1,5"}).to_csv(tmp_path / "in.csv", index=False)
-    with pytest.raises(InputError, match=f"in.csv: line 2: column '{column}' is '1,5', expected a number; 1500 such"):
-        draft(tmp_path / "in.csv")
+    written(path, table.astype({column: object}).assign(**{column: "1,5"}))
+    with pytest.raises(InputError, match=f"case.csv: line 2: column '{column}' is '1,5', expected a number; 1500 such"):
+        draft(path)
 
 
-def test_a_draft_for_dates(tmp_path: Path, traffic: Traffic) -> None:
+def test_a_draft_for_dates(path: Path, traffic: Traffic) -> None:
     table = traffic()
     table["timestamp"] = pd.Timestamp("2024-05-17T08:30:00") + pd.to_timedelta(table["timestamp"], unit="s")
-    table.to_csv(tmp_path / "in.csv", index=False)
-    made = convert(tmp_path / "in.csv", drafted(tmp_path / "in.csv"))[0].table
+    made = made_of(path, table)
     assert made["frame"].max() == 119
     assert made["speed"].max() == pytest.approx(11.0)

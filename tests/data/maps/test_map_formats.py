@@ -1,7 +1,7 @@
 """Lane graphs as nets: by hand, from CommonRoad, Lanelet2 and OpenDRIVE files that the tests write."""
 
-import os
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -12,6 +12,7 @@ import pytest
 
 from command_line import refusal
 from litsim_data.cli import main
+from litsim_data.exports.export import add
 from litsim_data.maps.check import check_net
 from litsim_data.maps.connectivity import connectivity
 from litsim_data.maps.lane_graph import LaneGraph, Lanelet
@@ -21,9 +22,9 @@ from litsim_data.maps.netconvert import import_opendrive
 from litsim_sim.core.errors import InputError
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.signal_links import read_links
+from made_maps import add_lanelets, opendrive, road
 
 WIDTH = 3.5
-
 
 pytestmark = pytest.mark.usefixtures("netconvert")
 
@@ -56,6 +57,23 @@ def crossing() -> LaneGraph:
     return LaneGraph(tuple(lanes))
 
 
+@pytest.fixture
+def net(tmp_path: Path) -> Path:
+    return tmp_path / "made.net.xml"
+
+
+def lanes_of(graph: LaneGraph, net: Path) -> LaneMap:
+    """The lanes of the net that a graph becomes."""
+    write_graph(graph, net)
+    return LaneMap.from_net(net)
+
+
+def mapped(net: Path, *options: object) -> LaneMap:
+    """The lanes of the net that `data map` writes."""
+    main(["map", *map(str, options), "--out", str(net)])
+    return LaneMap.from_net(net)
+
+
 def by_place(lane_map: LaneMap, x: float, y: float) -> str:
     at = lane_map.nearest(np.array([x]), np.array([y]))
     return lane_map.lanes[at.lane[0]].id
@@ -64,8 +82,7 @@ def by_place(lane_map: LaneMap, x: float, y: float) -> str:
 # Lanelets to nets
 
 
-def test_crossing_lanelets_become_one_junction(tmp_path: Path) -> None:
-    net = tmp_path / "made.net.xml"
+def test_crossing_lanelets_become_one_junction(net: Path) -> None:
     assert write_graph(crossing(), net).notes == ()
     lane_map = LaneMap.from_net(net)
     outer = {lane.id: lane for lane in lane_map.lanes if not lane.is_internal}
@@ -80,17 +97,15 @@ def test_crossing_lanelets_become_one_junction(tmp_path: Path) -> None:
     assert check_net(net, {}).failures == []
 
 
-def test_signals_make_a_signalised_junction(tmp_path: Path) -> None:
+def test_signals_make_a_signalised_junction(net: Path) -> None:
     before, within = ("right_in", "north_over"), {"right_in": ("a", "b"), "north_over": ("c",)}
     graph = crossing()
     lanes = tuple(replace(one, lights=within[one.id] if one.id in before else ()) for one in graph.lanelets)
     graph = LaneGraph(lanes, turns={"a": ("left",), "b": ("straight", "right")})
-    groups = write_graph(graph, tmp_path / "made.net.xml").controlled(graph)
-    assert 'type="traffic_light"' in (tmp_path / "made.net.xml").read_text()
+    groups = write_graph(graph, net).controlled(graph)
+    assert 'type="traffic_light"' in net.read_text()
     assert groups == {"b": ["right_in_0 -> right_out_0"], "c": ["north_in_0 -> north_out_0"]}
-    assert {name for members in groups.values() for name in members} <= {
-        link.name for link in read_links(tmp_path / "made.net.xml")
-    }
+    assert {name for members in groups.values() for name in members} <= {link.name for link in read_links(net)}
 
 
 def mirrored(graph: LaneGraph) -> LaneGraph:
@@ -106,11 +121,9 @@ def test_left_hand_traffic_is_the_mirror_image(tmp_path: Path) -> None:
     back += [straight("back_over", (10, 5.25), (-10, 5.25), "back_out"), straight("back_out", (-10, 5.25), (-60, 5.25))]
     graph = LaneGraph((*crossing().lanelets, *back))
     assert not graph.keeps_left and mirrored(graph).keeps_left
-    write_graph(graph, tmp_path / "right.net.xml")
-    write_graph(mirrored(graph), tmp_path / "left.net.xml")
-    roots = [ET.parse(tmp_path / f"{side}.net.xml").getroot() for side in ("right", "left")]
+    right, left = (lanes_of(one, tmp_path / str(one.keeps_left)) for one in (graph, mirrored(graph)))
+    roots = [ET.parse(tmp_path / str(keeps_left)).getroot() for keeps_left in (False, True)]
     assert [root.get("lefthand") for root in roots] == [None, "true"]
-    right, left = (LaneMap.from_net(tmp_path / f"{side}.net.xml") for side in ("right", "left"))
     assert [lane.id for lane in right.lanes] == [lane.id for lane in left.lanes]
     for one, other in zip(right.lanes, left.lanes, strict=True):
         assert (one.left, one.right, one.successors) == (other.right, other.left, other.successors)
@@ -120,7 +133,7 @@ def test_left_hand_traffic_is_the_mirror_image(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("height", "meeting"), [(0.5, True), (6.0, False)])
-def test_roads_on_two_levels_do_not_meet(height: float, meeting: bool, tmp_path: Path) -> None:
+def test_roads_on_two_levels_do_not_meet(height: float, meeting: bool, net: Path) -> None:
     over = [straight(name, (x, 0), (x + 40, 0), after) for name, x, after in (("a", -60, "b"), ("b", -20, "c"))]
     over = [replace(one, left=np.c_[one.left, [height] * 2], right=np.c_[one.right, [height] * 2]) for one in over]
     under = [
@@ -128,9 +141,7 @@ def test_roads_on_two_levels_do_not_meet(height: float, meeting: bool, tmp_path:
         straight("e", (0, -20), (0, 20), "f"),
         straight("f", (0, 20), (0, 60)),
     ]
-    net = tmp_path / "made.net.xml"
-    write_graph(LaneGraph((*over, straight("c", (20, 0), (60, 0)), *under)), net)
-    lane_map = LaneMap.from_net(net)
+    lane_map = lanes_of(LaneGraph((*over, straight("c", (20, 0), (60, 0)), *under)), net)
     inside = {
         name: by_place(lane_map, *at).startswith(":") for name, at in {"b": (10.0, 0.0), "e": (0.0, 10.0)}.items()
     }
@@ -138,26 +149,24 @@ def test_roads_on_two_levels_do_not_meet(height: float, meeting: bool, tmp_path:
     assert connectivity(lane_map).crossings == ()
 
 
-def test_lanelets_one_after_the_other_need_no_turn(tmp_path: Path) -> None:
+def test_lanelets_one_after_the_other_need_no_turn(net: Path) -> None:
     lanes = straight("a", (0, 0), (50, 0), "b"), straight("b", (50, 0), (90, 0))
-    write_graph(LaneGraph(lanes), tmp_path / "made.net.xml")
-    lane_map = LaneMap.from_net(tmp_path / "made.net.xml")
+    lane_map = lanes_of(LaneGraph(lanes), net)
     path = lane_map.path_from(lane_map.row("a_0"), 0.0, 90.0)
     np.testing.assert_allclose(path[:, 1], 0.0, atol=2e-3)
     assert path[-1, 0] == pytest.approx(90.0, abs=0.02)
 
 
-def test_lanelets_that_no_road_is_long_enough_for(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="lanelet far is 1e\\+06 km long, expected at most 100"):
-        write_graph(
-            LaneGraph((straight("a", (0, 0), (50, 0), "far"), straight("far", (50, 0), (1e9, 0)))),
-            tmp_path / "n.net.xml",
-        )
-
-
-def test_no_lanelets(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="holds no lanelets"):
-        write_graph(LaneGraph(()), tmp_path / "n.net.xml")
+@pytest.mark.parametrize(
+    ("lanelets", "message"),
+    [
+        ((straight("a", (0, 0), (50, 0), "far"), straight("far", (50, 0), (1e9, 0))), "lanelet far is 1e\\+06 km long"),
+        ((), "holds no lanelets"),
+    ],
+)
+def test_lanelets_that_make_no_net(lanelets: tuple[Lanelet, ...], message: str, net: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        write_graph(LaneGraph(lanelets), net)
 
 
 def test_predecessors_count_as_successors_and_opposite_neighbours_do_not() -> None:
@@ -170,33 +179,12 @@ def test_predecessors_count_as_successors_and_opposite_neighbours_do_not() -> No
 # CommonRoad
 
 
-def write_commonroad(graph: LaneGraph, path: Path) -> None:
+def test_commonroad_through_the_command(tmp_path: Path, net: Path) -> None:
     root = ET.Element("commonRoad", {"commonRoadVersion": "2020a"})
-    numbers = {lanelet.id: str(100 + i) for i, lanelet in enumerate(graph.lanelets)}
-    for lanelet in graph.lanelets:
-        element = ET.SubElement(root, "lanelet", {"id": numbers[lanelet.id]})
-        for name, bound in (("leftBound", lanelet.left), ("rightBound", lanelet.right)):
-            parent = ET.SubElement(element, name)
-            for point in bound:
-                child = ET.SubElement(parent, "point")
-                ET.SubElement(child, "x").text, ET.SubElement(child, "y").text = (f"{v:.4f}" for v in point)
-        for other in lanelet.successors:
-            ET.SubElement(element, "successor", {"ref": numbers[other]})
-        for name, neighbour in (("adjacentLeft", lanelet.left_id), ("adjacentRight", lanelet.right_id)):
-            if neighbour:
-                ET.SubElement(element, name, {"ref": numbers[neighbour], "drivingDir": "same"})
-        if lanelet.id == "right_in":
-            ET.SubElement(element, "trafficSignRef", {"ref": "7"})
-    sign = ET.SubElement(root, "trafficSign", {"id": "7"})
-    ET.SubElement(ET.SubElement(sign, "trafficSignElement"), "additionalValue").text = "15.6"
-    ET.ElementTree(root).write(path)
-
-
-def test_commonroad_through_the_command(tmp_path: Path) -> None:
-    source, net = tmp_path / "map.xml", tmp_path / "map.net.xml"
-    write_commonroad(crossing(), source)
-    main(["map", "--commonroad", str(source), "--out", str(net)])
-    lane_map = LaneMap.from_net(net)
+    add(add_lanelets(root, crossing().lanelets)["right_in"], "trafficSignRef", ref=7)
+    add(add(root, "trafficSign", id=7), "trafficSignElement/additionalValue", 15.6)
+    ET.ElementTree(root).write(tmp_path / "map.xml")
+    lane_map = mapped(net, "--commonroad", tmp_path / "map.xml")
     assert sum(not lane.is_internal for lane in lane_map.lanes) == 6
     assert lane_map.lanes[lane_map.row("100_0")].speed_limit == pytest.approx(15.6)
 
@@ -226,19 +214,11 @@ def test_files_that_are_no_commonroad_maps(tmp_path: Path) -> None:
     ],
 )
 def test_real_lanelet_maps_hold_the_vehicles_of_their_windows(
-    street: str, name: str, share: float, tmp_path: Path
+    street: str, name: str, share: float, net: Path, real_data: Callable[[str], Path]
 ) -> None:
-    folder = os.environ.get("LITSIM_DATA")
-    if not folder:
-        pytest.skip("LITSIM_DATA names no folder of real data")
-    net = tmp_path / "made.net.xml"
-    source = Path(folder) / "maps" / "commonroad" / f"{name}_map.xml"
-    windows = Path(folder) / "ngsim" / f"{street}_commonroad_windows.parquet"
-    if not source.is_file() or not windows.is_file():
-        pytest.skip(f"{source} or {windows} is not there")
-    graph = CommonRoad().read(source, None)
-    write_graph(graph, net)
-    lane_map = LaneMap.from_net(net)
+    windows = real_data(f"ngsim/{street}_commonroad_windows.parquet")
+    graph = CommonRoad().read(real_data(f"maps/commonroad/{name}_map.xml"), None)
+    lane_map = lanes_of(graph, net)
     ends = np.array([lanelet.centerline[at] for lanelet in graph.lanelets for at in (0, -1)])
     for lane in lane_map.lanes:  # netconvert has neither cut nor lengthened a lane
         if not lane.is_internal:
@@ -266,6 +246,7 @@ OSM = """<osm version="0.6">
   <way id="25"><nd ref="4"/><nd ref="8"/><tag k="type" v="line_thin"/><tag k="subtype" v="dashed"/></way>
 {relations}
 </osm>"""
+ORIGIN = ("--origin", "49.0", "8.4")
 RELATION = (
     '<relation id="{id}"><member type="way" ref="{left}" role="left"/><member type="way" ref="{right}" role="right"/>'
     '<tag k="type" v="lanelet"/><tag k="subtype" v="road"/><tag k="location" v="urban"/><tag k="one_way" v="yes"/>'
@@ -273,8 +254,10 @@ RELATION = (
 )
 
 
-def write_osm(path: Path) -> None:
+@pytest.fixture
+def osm(tmp_path: Path) -> Path:
     """Two lanes to the north of 100 m from (49 N, 8.4 E), the left one going on for 50 m."""
+    pytest.importorskip("lanelet2", reason="the lanelet2 package is not installed: requirements/maps.txt")
     lat, lon = 1.0 / 111_213.0, 1.0 / 73_170.0  # degrees a metre there
     places = {
         1: (-3.5, 0),
@@ -289,15 +272,13 @@ def write_osm(path: Path) -> None:
     nodes = [f'  <node id="{i}" lat="{49 + y * lat:.9f}" lon="{8.4 + x * lon:.9f}"/>' for i, (x, y) in places.items()]
     lanes = ((31, 21, 22), (32, 22, 23), (33, 24, 25))
     relations = [RELATION.format(id=i, left=left, right=right) for i, left, right in lanes]
+    path = tmp_path / "map.osm"
     path.write_text(OSM.format(nodes="\n".join(nodes), relations="\n".join(relations)))
+    return path
 
 
-def test_lanelet2_through_the_command(tmp_path: Path) -> None:
-    pytest.importorskip("lanelet2", reason="the lanelet2 package is not installed: requirements/maps.txt")
-    write_osm(tmp_path / "map.osm")
-    net = tmp_path / "map.net.xml"
-    main(["map", "--lanelet2", str(tmp_path / "map.osm"), "--origin", "49.0", "8.4", "--out", str(net)])
-    lanes = {lane.id: lane for lane in LaneMap.from_net(net).lanes if not lane.is_internal}
+def test_lanelet2_through_the_command(osm: Path, net: Path) -> None:
+    lanes = {lane.id: lane for lane in mapped(net, "--lanelet2", osm, *ORIGIN).lanes if not lane.is_internal}
     assert set(lanes) == {"32_0", "32_1", "33_0"}
     assert lanes["32_1"].length == pytest.approx(100.0, abs=0.3)
     assert lanes["32_1"].width == pytest.approx(3.5, abs=0.05)
@@ -306,55 +287,48 @@ def test_lanelet2_through_the_command(tmp_path: Path) -> None:
     np.testing.assert_allclose(lanes["32_1"].centerline[0], [-1.75, 0.0], atol=0.1)
 
 
-def test_lanelets_that_are_no_one_way_lead_both_ways(tmp_path: Path) -> None:
-    pytest.importorskip("lanelet2", reason="the lanelet2 package is not installed: requirements/maps.txt")
-    write_osm(tmp_path / "map.osm")
-    edited(tmp_path / "map.osm", ('k="one_way" v="yes"', 'k="one_way" v="no"'))
-    graph = Lanelet2().read(tmp_path / "map.osm", (49.0, 8.4))
+def test_lanelets_that_are_no_one_way_lead_both_ways(osm: Path, net: Path) -> None:
+    edited(osm, ('k="one_way" v="yes"', 'k="one_way" v="no"'))
+    graph = Lanelet2().read(osm, (49.0, 8.4))
     assert {name.strip("-") for name in graph.by_id} == {"31", "32", "33"} and len(graph.by_id) == 6
     assert graph.by_id["31"].successors == ("33",) and graph.by_id["-33"].successors == ("-31",)
     np.testing.assert_allclose(graph.by_id["-31"].centerline, graph.by_id["31"].centerline[::-1], atol=1e-6)
-    assert not graph.keeps_left and not write_graph(graph, tmp_path / "a.net.xml").notes
+    assert not graph.keeps_left and not write_graph(graph, net).notes
 
 
-def test_an_origin_far_from_the_map_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("lanelet2", reason="the lanelet2 package is not installed: requirements/maps.txt")
-    write_osm(tmp_path / "map.osm")
-    with pytest.raises(SystemExit, match="2"):
-        main(["map", "--lanelet2", str(tmp_path / "map.osm"), "--origin", "8.4", "49.0", "--out", str(tmp_path / "n")])
-    said = capsys.readouterr().err.splitlines()[-1]
+def test_an_origin_far_from_the_map_is_told_in_one_line(
+    osm: Path, net: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refusal(capsys, main, "map", "--lanelet2", osm, "--origin", 8.4, 49.0, "--out", net).splitlines()[-1]
     assert said.startswith("error: ") and "out of legal range for UTM zone" in said and "more such lines" in said
     assert said.endswith("is --origin 8.4 49, latitude and longitude, near the map?")
 
 
 def test_lanelet2_without_the_package_or_an_origin(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    osm: Path, net: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_osm(tmp_path / "map.osm")
-    command = ["map", "--lanelet2", str(tmp_path / "map.osm"), "--out", str(tmp_path / "map.net.xml")]
+    command = ["map", "--lanelet2", osm, "--out", net]
     assert "needs --origin LAT LON" in refusal(capsys, main, *command)
     monkeypatch.setitem(sys.modules, "lanelet2.core", None)
-    assert "lanelet2 is not installed here, and this needs it: `make setup-all`" in refusal(
-        capsys, main, *command, "--origin", "49.0", "8.4"
-    )
+    told = "lanelet2 is not installed here, and this needs it: `make setup-all`"
+    assert told in refusal(capsys, main, *command, *ORIGIN)
 
 
 # OpenDRIVE
 
-LANE = '<lane id="{id}" type="driving" level="false"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>'
-XODR = f"""<?xml version="1.0"?>
-<OpenDRIVE><header revMajor="1" revMinor="4" name="" version="1" date="" north="0" south="0" east="0" west="0"/>
-<road name="" length="120" id="1" junction="-1"><link/><planView>
-<geometry s="0" x="5" y="7" hdg="0" length="120"><line/></geometry></planView>
-<lanes><laneSection s="0"><center><lane id="0" type="none" level="false"/></center>
-<right>{LANE.format(id=-1)}{LANE.format(id=-2)}</right></laneSection></lanes></road></OpenDRIVE>"""
+PLAIN = {"begin": (5.0, 7.0), "length": 120.0, "left": 0, "right": 2}
 
 
-def test_opendrive_through_the_command(tmp_path: Path) -> None:
-    (tmp_path / "map.xodr").write_text(XODR)
-    net = tmp_path / "map.net.xml"
-    main(["map", "--opendrive", str(tmp_path / "map.xodr"), "--out", str(net)])
-    lane_map = LaneMap.from_net(net)
+@pytest.fixture
+def xodr(tmp_path: Path) -> Path:
+    """A road with two lanes to the east."""
+    path = tmp_path / "map.xodr"
+    path.write_text(opendrive(road(**PLAIN)))
+    return path
+
+
+def test_opendrive_through_the_command(xodr: Path, net: Path) -> None:
+    lane_map = mapped(net, "--opendrive", xodr)
     assert [lane.width for lane in lane_map.lanes] == pytest.approx([3.5, 3.5])
     left, right = sorted(lane_map.lanes, key=lambda lane: -lane.centerline[0, 1])
     np.testing.assert_allclose(left.centerline[[0, -1]], [[5.0, 5.25], [125.0, 5.25]], atol=0.02)
@@ -364,57 +338,44 @@ def test_opendrive_through_the_command(tmp_path: Path) -> None:
 SIGN = '<signal s="60" t="-4" id="{}" dynamic="no" orientation="+" zOffset="2" type="{}" subtype="" value="-1"/>'
 
 
-def test_signs_of_opendrive_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
+def test_signs_of_opendrive_that_cannot_be_read_are_left_out(xodr: Path, net: Path) -> None:
     signs = (
         f"<signals>{SIGN.format(1, 274)}{SIGN.format(2, '')}<signalReference id='2' s='9' orientation='+'/></signals>"
     )
-    (tmp_path / "map.xodr").write_text(XODR.replace("</lanes>", f"</lanes>{signs}"))
-    notes = import_opendrive(tmp_path / "map.xodr", tmp_path / "a.net.xml")
+    edited(xodr, ("</lanes>", f"</lanes>{signs}"))
+    notes = import_opendrive(xodr, net)
     left_out = "of road 1 is left out, as it has no {} that can be read"
     assert notes == [
         f"{what} {left_out.format(lack)}" for what, lack in (("signal 2", "type"), ("signalReference 2", "signal"))
     ]
-    assert len(LaneMap.from_net(tmp_path / "a.net.xml").lanes) == 2
+    assert len(LaneMap.from_net(net).lanes) == 2
 
 
-def test_opendrive_that_is_missing_or_malformed(tmp_path: Path) -> None:
+def test_opendrive_that_is_missing_or_malformed(xodr: Path, net: Path) -> None:
     with pytest.raises(InputError, match="no such OpenDRIVE file"):
-        import_opendrive(tmp_path / "absent.xodr", tmp_path / "a.net.xml")
-    (tmp_path / "bad.xodr").write_text("no XML")
-    with pytest.raises(InputError, match=r"bad\.xodr: not a readable OpenDRIVE file: [^\n]+$"):
-        import_opendrive(tmp_path / "bad.xodr", tmp_path / "a.net.xml")
+        import_opendrive(xodr.with_name("absent.xodr"), net)
+    xodr.write_text("no XML")
+    with pytest.raises(InputError, match=r"map\.xodr: not a readable OpenDRIVE file: [^\n]+$"):
+        import_opendrive(xodr, net)
 
 
 def direct_junction(main_at: str = "start") -> str:
     """A two-way road (1) with two lanes to the east, of which the right one becomes a ramp (3), the other road 2."""
-
-    def road(number: int, x: float, y: float, link: str, left: int, right: int) -> str:
-        sides = [f"<{side}>{''.join(lanes)}</{side}>" for side, lanes in (
-            ("left", [LANE.format(id=one) for one in range(left, 0, -1)]),
-            ("center", ['<lane id="0" type="none" level="false"/>']),
-            ("right", [LANE.format(id=-one) for one in range(1, right + 1)]),
-        ) if lanes]  # fmt: skip
-        return (
-            f'<road name="" length="100" id="{number}" junction="-1"><link>{link}</link><planView><geometry s="0" '
-            f'x="{x}" y="{y}" hdg="0" length="100"><line/></geometry></planView><lanes><laneSection s="0">'
-            f"{''.join(sides)}</laneSection></lanes></road>"
-        )
-
     at = '<{} elementType="junction" elementId="9"/>'
-    roads = road(1, 0, 0, at.format("successor"), 1, 2) + road(2, 100, 0, at.format("predecessor"), 1, 1)
-    roads += road(3, 100, -3.5, at.format("predecessor"), 0, 1)
-    return (
-        f'<?xml version="1.0"?><OpenDRIVE><header revMajor="1" revMinor="7"/>{roads}<junction id="9" type="direct">'
-        f'<connection id="0" incomingRoad="1" linkedRoad="2" contactPoint="{main_at}"><laneLink from="1" to="1"/>'
-        f'<laneLink from="-1" to="-1"/></connection><connection id="1" incomingRoad="1" linkedRoad="3" '
-        f'contactPoint="start"><laneLink from="-2" to="-1"/></connection></junction></OpenDRIVE>'
+    into, out = at.format("successor"), at.format("predecessor")
+    return opendrive(
+        road(1, (0, 0), 100, 1, 2, link=into),
+        road(2, (100, 0), 100, 1, 1, link=out),
+        road(3, (100, -3.5), 100, 0, 1, link=out),
+        f'<junction id="9" type="direct"><connection id="0" incomingRoad="1" linkedRoad="2" contactPoint="{main_at}">'
+        '<laneLink from="1" to="1"/><laneLink from="-1" to="-1"/></connection><connection id="1" incomingRoad="1" '
+        'linkedRoad="3" contactPoint="start"><laneLink from="-2" to="-1"/></connection></junction>',
     )
 
 
-def test_direct_junctions_of_opendrive_join_roads_in_both_directions(tmp_path: Path) -> None:
-    (tmp_path / "direct.xodr").write_text(direct_junction())
-    import_opendrive(tmp_path / "direct.xodr", tmp_path / "a.net.xml")
-    lane_map = LaneMap.from_net(tmp_path / "a.net.xml")
+def test_direct_junctions_of_opendrive_join_roads_in_both_directions(xodr: Path, net: Path) -> None:
+    xodr.write_text(direct_junction())
+    lane_map = mapped(net, "--opendrive", xodr)
     for begin, end, heading in (
         ((50.0, -1.75), (150.0, -1.75), 0.0),  # to the east
         ((50.0, -5.25), (150.0, -5.25), 0.0),  # onto the ramp
@@ -427,27 +388,25 @@ def test_direct_junctions_of_opendrive_join_roads_in_both_directions(tmp_path: P
     assert connectivity(lane_map).crossings == ()
 
 
-def test_direct_junctions_that_cannot_be_read(tmp_path: Path) -> None:
-    (tmp_path / "direct.xodr").write_text(direct_junction("end"))
-    told = r"direct\.xodr: connection 0 of the direct junction 9 joins two roads at their ends, expected the start"
+def test_direct_junctions_that_cannot_be_read(xodr: Path, net: Path) -> None:
+    xodr.write_text(direct_junction("end"))
+    told = r"map\.xodr: connection 0 of the direct junction 9 joins two roads at their ends, expected the start"
     with pytest.raises(InputError, match=told):
-        import_opendrive(tmp_path / "direct.xodr", tmp_path / "a.net.xml")
+        import_opendrive(xodr, net)
 
 
-def test_opendrive_of_left_hand_traffic(tmp_path: Path) -> None:
+def test_opendrive_of_left_hand_traffic(xodr: Path, net: Path) -> None:
     """A lane on each side of a bend whose middle is shifted to the left; the left one leads along the road."""
-    source, net = tmp_path / "left.xodr", tmp_path / "a.net.xml"
-    text = XODR.replace("<right>", f"<left>{LANE.format(id=1)}</left><right>").replace(LANE.format(id=-2), "")
-    text = text.replace("<lanes>", '<lanes><laneOffset s="0" a="0.5" b="0" c="0" d="0"/>')
-    text = text.replace("<line/>", '<arc curvature="0.01"/>')
-    source.write_text(text.replace('junction="-1"', 'junction="-1" rule="LHT"'))
+    shifted = '<laneOffset s="0" a="0.5" b="0" c="0" d="0"/>'
+    bend = PLAIN | {"left": 1, "right": 1, "shape": '<arc curvature="0.01"/>', "offset": shifted}
+    xodr.write_text(opendrive(road(**bend, rule=' rule="LHT"')))
     centre, begin, end = np.array([5.0, 107.0]), -0.5 * np.pi, -0.5 * np.pi + 1.2
 
     def at(left: float, angle: float) -> np.ndarray:
         return centre + (100.0 - 0.5 - left) * np.array([np.cos(angle), np.sin(angle)])
 
     for left_hand, side in ((None, 1.0), (False, -1.0)):
-        notes = import_opendrive(source, net, left_hand)
+        notes = import_opendrive(xodr, net, left_hand)
         lane_map = LaneMap.from_net(net)
         first, second = sorted(lane_map.lanes, key=lambda lane: lane.centerline[0, 0])
         np.testing.assert_allclose(first.centerline[[0, -1]], [at(side * 1.75, begin), at(side * 1.75, end)], atol=0.1)
@@ -458,26 +417,21 @@ def test_opendrive_of_left_hand_traffic(tmp_path: Path) -> None:
 
 
 def test_roads_of_opendrive_keep_to_the_side_of_their_own_rule(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    xodr: Path, net: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Two roads of the left rule, the second of which goes on from the end of the first, and one of the right rule."""
     linked = {
-        number: f'<link><{end} elementType="road" elementId="{other}" contactPoint="{at}"/></link>'
+        number: f'<{end} elementType="road" elementId="{other}" contactPoint="{at}"/>'
         for number, end, other, at in ((1, "successor", 2, "start"), (2, "predecessor", 1, "end"))
     }
-    inside = '<link><predecessor id="{id}"/><successor id="{id}"/></link><width'
-    lanes = {number: LANE.format(id=number).replace("<width", inside.format(id=number)) for number in (2, 1, -1, -2)}
-    sides = f"<left>{lanes[2]}{lanes[1]}</left><center/><right>{lanes[-1]}{lanes[-2]}</right>"
-    roads = "".join(
-        f'<road id="{number}" length="100" junction="-1" rule="{rule}">{linked.get(number, "<link/>")}<planView>'
-        f'<geometry s="0" x="{x}" y="{y}" hdg="0" length="100"><line/></geometry></planView><lanes>'
-        f'<laneSection s="0">{sides}</laneSection></lanes></road>'
+    inside = '<link><predecessor id="{0}"/><successor id="{0}"/></link>'
+    roads = (
+        road(number, (x, y), 100, 2, 2, rule=f' rule="{rule}"', link=linked.get(number, ""), lane_link=inside)
         for number, rule, x, y in ((1, "LHT", 0, 0), (2, "LHT", 100, 0), (3, "RHT", 0, 50))
     )
-    (tmp_path / "map.xodr").write_text(f"<OpenDRIVE>{roads}</OpenDRIVE>")
-    main(["map", "--opendrive", str(tmp_path / "map.xodr"), "--out", str(tmp_path / "a.net.xml")])
+    xodr.write_text(opendrive(*roads))
+    lane_map = mapped(net, "--opendrive", xodr)
     assert "2 of 3 roads keep to the left by rule, the others to the right" in capsys.readouterr().err
-    lane_map = LaneMap.from_net(tmp_path / "a.net.xml")
     outer = [lane.centerline for lane in lane_map.lanes if not lane.is_internal]
     ends = sorted(tuple(float(value) for value in np.round(line[[0, -1]].ravel(), 2)) for line in outer)
     sides_of = {0.0: 1.0, 50.0: -1.0}  # where lanes lead along x, as seen from the reference line
@@ -493,75 +447,61 @@ def test_roads_of_opendrive_keep_to_the_side_of_their_own_rule(
     assert np.abs(through[:, 1] - 1.75).max() < 0.02 and through[-1, 0] > 150.0
 
 
-def test_an_openstreetmap_is_no_lanelet2_map(tmp_path: Path) -> None:
-    pytest.importorskip("lanelet2")
+def test_an_openstreetmap_is_no_lanelet2_map(osm: Path) -> None:
     nodes = "".join(f'<node id="{n}" lat="49.00{n}" lon="8.4"/>' for n in (1, 2))
     way = '<way id="5"><nd ref="1"/><nd ref="2"/><tag k="highway" v="residential"/></way>'
-    (tmp_path / "map.osm").write_text(f'<?xml version="1.0"?><osm version="0.6">{nodes}{way}</osm>')
+    osm.write_text(f'<?xml version="1.0"?><osm version="0.6">{nodes}{way}</osm>')
     with pytest.raises(InputError, match=r"no lanelets that .*; it has 1 ways with tag highway, as OpenStreetMap"):
-        Lanelet2().read(tmp_path / "map.osm", (49.0, 8.4))
+        Lanelet2().read(osm, (49.0, 8.4))
 
 
-def edited(path: Path, *pairs: tuple[str, str]) -> Path:
+def edited(path: Path, *pairs: tuple[str, str]) -> None:
     text = path.read_text()
     for old, new in pairs:
         assert old in text
         text = text.replace(old, new)
     path.write_text(text)
-    return path
 
 
 @pytest.mark.parametrize("kind", ["crosswalk", "detection_area", "road_marking"])
 def test_regulatory_elements_of_autoware_are_ignored_with_a_line(
-    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    kind: str, osm: Path, net: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("lanelet2")
-    write_osm(tmp_path / "map.osm")
     rule = (
         f'<relation id="301"><member type="way" role="refers" ref="21"/><tag k="type" v="regulatory_element"/>'
         f'<tag k="subtype" v="{kind}"/></relation></osm>'
     )
     member = '<relation id="33"><member type="relation" role="regulatory_element" ref="301"/>'
-    edited(tmp_path / "map.osm", ("</osm>", rule), ('<relation id="33">', member))
-    main(
-        ["map", "--lanelet2", str(tmp_path / "map.osm"), "--origin", "49", "8.4", "--out", str(tmp_path / "n.net.xml")]
-    )
+    edited(osm, ("</osm>", rule), ('<relation id="33">', member))
+    lanes = {lane.id for lane in mapped(net, "--lanelet2", osm, *ORIGIN).lanes if not lane.is_internal}
     assert f"ignored: 1 regulatory elements {kind}, which are no lanes" in capsys.readouterr().err
-    assert {lane.id for lane in LaneMap.from_net(tmp_path / "n.net.xml").lanes if not lane.is_internal} == {
-        "32_0",
-        "32_1",
-        "33_0",
-    }
+    assert lanes == {"32_0", "32_1", "33_0"}
 
 
 @pytest.mark.parametrize("origin", [[], ["--origin", "0", "0"]])
-def test_coordinates_in_metres_as_of_autoware(origin: list[str], tmp_path: Path) -> None:
-    pytest.importorskip("lanelet2")
+def test_coordinates_in_metres_as_of_autoware(origin: list[str], osm: Path, net: Path) -> None:
     places = {1: (0, 4), 2: (40, 4), 3: (0, 0), 4: (40, 0)}
     tags = '<tag k="local_x" v="{}"/><tag k="local_y" v="{}"/>'
     nodes = "".join(f'<node id="{i}" lat="0" lon="0">{tags.format(*at)}</node>' for i, at in places.items())
     ways = "".join(f'<way id="{w}"><nd ref="{a}"/><nd ref="{b}"/></way>' for w, a, b in ((21, 1, 2), (22, 3, 4)))
     text = f'<osm version="0.6">{nodes}{ways}{RELATION.format(id=31, left=21, right=22)}</osm>'
-    (tmp_path / "map.osm").write_text(text)
-    main(["map", "--lanelet2", str(tmp_path / "map.osm"), *origin, "--out", str(tmp_path / "n.net.xml")])
-    (lane,) = LaneMap.from_net(tmp_path / "n.net.xml").lanes
+    osm.write_text(text)
+    (lane,) = mapped(net, "--lanelet2", osm, *origin).lanes
     np.testing.assert_allclose(lane.centerline[[0, -1]], [[0, 2], [40, 2]], atol=2e-3)
-    (tmp_path / "map.osm").write_text(text.replace('v="40"', 'v="far"'))
+    edited(osm, ('v="40"', 'v="far"'))
     with pytest.raises(InputError, match=r"node 2: local_x and local_y are \['far', '4'\]"):
-        Lanelet2().read(tmp_path / "map.osm", None)
+        Lanelet2().read(osm, None)
 
 
 @pytest.mark.parametrize("second", ['<nd ref="9"/><nd ref="2"/>', '<nd ref="2"/><nd ref="9"/>'])
-def test_borders_that_are_chains_of_ways_are_joined(second: str, tmp_path: Path) -> None:
-    pytest.importorskip("lanelet2")
-    write_osm(tmp_path / "map.osm")
+def test_borders_that_are_chains_of_ways_are_joined(second: str, osm: Path) -> None:
     whole = '<way id="21"><nd ref="1"/><nd ref="2"/>'
     halves = f'<way id="26">{second}</way><way id="21"><nd ref="1"/><nd ref="9"/>'
     middle = f'<node id="9" lat="{49 + 50 / 111_213:.9f}" lon="{8.4 - 3.5 / 73_170:.9f}"/>\n  <way id="21">'
     left = '<member type="way" ref="21" role="left"/>'
     more = f'<member type="way" ref="26" role="left"/>{left}'
-    edited(tmp_path / "map.osm", ('<way id="21">', middle), (whole, halves), (left, more))
-    graph = Lanelet2().read(tmp_path / "map.osm", (49.0, 8.4))
+    edited(osm, ('<way id="21">', middle), (whole, halves), (left, more))
+    graph = Lanelet2().read(osm, (49.0, 8.4))
     assert graph.notes == ("joined: 1 borders that are chains of ways",)
     assert graph.by_id["31"].length == pytest.approx(100.0, abs=0.3)
     assert graph.by_id["31"].width == pytest.approx(3.5, abs=0.05) and graph.by_id["31"].successors == ("33",)

@@ -4,6 +4,7 @@ import errno
 import os
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,21 +23,17 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import Recording
-from made_ngsim import Traffic, global_from_map, table, write_portal, write_text
+from made_ngsim import global_from_map, table, write_portal, write_text
 
 LANE = 3.66  # [m]
 
-
-def made(site: Any = US101, period: str = "0750", rows: int = 2000, **fields: Any) -> pd.DataFrame:
-    return table(Traffic(site, period, rows, **({"noise": 0.0} | fields)))
+made = partial(table, noise=0.0)
 
 
 @pytest.fixture
 def text(tmp_path: Path) -> Path:
     """A small motorway file."""
-    path = tmp_path / "trajectories-0750am-0805am.txt"
-    write_text(made(), path)
-    return path
+    return write_text(made(), tmp_path / "trajectories-0750am-0805am.txt")
 
 
 def every(path: Path, *, cleaned: bool = False) -> list[tuple[Recording, Counts]]:
@@ -130,14 +127,12 @@ def test_text_becomes_box_centres_in_si_units(text: Path, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("commas", [True, False])
 def test_portal_says_the_same_as_text(text: Path, tmp_path: Path, commas: bool) -> None:
-    portal = tmp_path / "portal.csv"
-    write_portal(made().sample(frac=1.0, random_state=0), portal, commas=commas)
+    portal = write_portal(made().sample(frac=1.0, random_state=0), tmp_path / "portal.csv", commas=commas)
     pd.testing.assert_frame_equal(raw(portal).table, raw(text).table, atol=1e-9, rtol=0.0)
 
 
 def test_headers_in_other_spelling_and_order(text: Path, tmp_path: Path) -> None:
-    portal = tmp_path / "portal.csv"
-    write_portal(made(), portal, commas=False)
+    portal = write_portal(made(), tmp_path / "portal.csv", commas=False)
     given = pd.read_csv(portal).rename(columns={"Space_Headway": "Space_Hdwy", "Time_Headway": "time hdwy"})
     given = given[reversed(given.columns)].rename(columns=str.upper)
     other = tmp_path / "other.csv"
@@ -146,8 +141,7 @@ def test_headers_in_other_spelling_and_order(text: Path, tmp_path: Path) -> None
 
 
 def test_streets_keep_both_directions(tmp_path: Path) -> None:
-    path = tmp_path / "lankershim.txt"
-    write_text(made(LANKERSHIM, "0830"), path)
+    path = write_text(made(LANKERSHIM, "0830"), tmp_path / "lankershim.txt")
     recording = raw(path)
     assert recording.header.name == "lankershim_0830"
     yaw = recording.table["yaw"].to_numpy()
@@ -156,9 +150,8 @@ def test_streets_keep_both_directions(tmp_path: Path) -> None:
 
 
 def test_every_site_and_period_is_a_recording(tmp_path: Path) -> None:
-    portal = tmp_path / "portal.csv"
     parts = [made(US101, "0750"), made(US101, "0805", seed=1), made(I80, "1700"), made(PEACHTREE, "1600")]
-    write_portal(pd.concat(parts).sample(frac=1.0, random_state=1), portal)
+    portal = write_portal(pd.concat(parts).sample(frac=1.0, random_state=1), tmp_path / "portal.csv")
     converted = every(portal)
     names = [recording.header.name for recording, _ in converted]
     assert names == ["us101_0750", "us101_0805", "i80_1700", "peachtree_1600"]
@@ -171,14 +164,12 @@ def test_one_clock_through_two_periods(tmp_path: Path) -> None:
     late = made(I80, "1700")
     late = late.assign(frame=late["frame"] + 36000)
     late["time_ms"] = made(I80, "1600")["time_ms"].min() + 100 * (late["frame"] - made(I80, "1600")["frame"].min())
-    portal = tmp_path / "portal.csv"
-    write_portal(pd.concat([made(I80, "1600"), late]), portal)
+    portal = write_portal(pd.concat([made(I80, "1600"), late]), tmp_path / "portal.csv")
     assert [recording.header.name for recording, _ in every(portal)] == ["i80_1600", "i80_1700"]
 
 
 def test_cleaned_positions_stay_close_and_motion_is_smooth(tmp_path: Path) -> None:
-    path = tmp_path / "noisy.txt"
-    write_text(made(noise=0.05), path)
+    path = write_text(made(noise=0.05), tmp_path / "noisy.txt")
     recording, _ = only(path, cleaned=True)
     assert recording.header.notes["cleaned"] is True
     cleaned = recording.table
@@ -194,8 +185,7 @@ def test_cleaned_positions_stay_close_and_motion_is_smooth(tmp_path: Path) -> No
 def test_one_refused_recording_does_not_keep_the_others(tmp_path: Path) -> None:
     bad = made(I80, "1600")
     bad.loc[100:160, "global_x"] += 30.0
-    portal = tmp_path / "portal.csv"
-    write_portal(pd.concat([bad, made(I80, "1600"), made(US101, "0750")]), portal)
+    portal = write_portal(pd.concat([bad, made(I80, "1600"), made(US101, "0750")]), tmp_path / "portal.csv")
     us101, i80 = import_all(files_of(portal), tmp_path / "out", Options())
     assert not isinstance(us101, str) and us101.name == "us101_0750"
     assert isinstance(i80, str) and re.search(r"lines \d+ and \d+: vehicle \d+ occurs twice at", i80)
@@ -204,8 +194,7 @@ def test_one_refused_recording_does_not_keep_the_others(tmp_path: Path) -> None:
 def test_contradicting_rows_are_left_out_or_refused(tmp_path: Path) -> None:
     rows = made()
     wrong = rows.iloc[[100]].assign(global_x=lambda r: r["global_x"] + 30.0)
-    path = tmp_path / "two places.txt"
-    write_text(pd.concat([rows, wrong]), path)
+    path = write_text(pd.concat([rows, wrong]), tmp_path / "two places.txt")
     _recording, counts = only(path)
     assert counts.left_out == {"another row has the same vehicle and time, and other values": 2}
     assert counts.rows == len(rows), "interpolated"
@@ -259,8 +248,7 @@ def test_the_line_is_right_in_later_blocks_and_after_empty_lines(
 
 
 def test_a_quotation_mark_swallows_no_lines(tmp_path: Path) -> None:
-    portal = tmp_path / "portal.csv"
-    write_portal(made(), portal, commas=False)
+    portal = write_portal(made(), tmp_path / "portal.csv", commas=False)
     for line in (6, 8):
         edited(portal, lambda lines, at=line - 1: lines.__setitem__(at, lines[at].replace(",", ',"', 1)))
     with pytest.raises(InputError, match=r"line 6: a quotation mark that is not closed in this line|line 6: "):
@@ -291,17 +279,16 @@ def test_a_file_that_is_cut_off(text: Path, tmp_path: Path) -> None:
 
 
 def test_frames_at_another_rate(text: Path, tmp_path: Path) -> None:
-    rows = made(rows=8000)
+    rows = made(rows_wanted=8000)
     write_text(rows.assign(time_ms=rows["time_ms"].min() + 3000 * (rows["frame"] - rows["frame"].min())), text)
     with pytest.raises(InputError, match=r"line \d+: Frame_ID \d+ at Global_Time \d+: .* do not run together at 10 Hz"):
         only(text)
 
 
 def test_an_unknown_place(tmp_path: Path) -> None:
-    portal = tmp_path / "portal.csv"
     rows = made()
     rows.loc[3, "location"] = "us-66"
-    write_portal(rows, portal)
+    portal = write_portal(rows, tmp_path / "portal.csv")
     with pytest.raises(InputError, match="line 5: column Location is 'us-66', expected one of us-101, i-80, "):
         only(portal)
 
@@ -313,8 +300,7 @@ def test_a_few_rows_off_the_site_are_left_out(text: Path, tmp_path: Path) -> Non
 
 
 def test_headers_with_defects(tmp_path: Path) -> None:
-    portal = tmp_path / "portal.csv"
-    write_portal(made(), portal)
+    portal = write_portal(made(), tmp_path / "portal.csv")
     content = portal.read_text()
     for change, message in (
         (("v_length", "colour"), r"line 1: an NGSIM header with columns missing \['length'\], unknown \['colour'\]"),
@@ -332,8 +318,7 @@ def test_headers_with_defects(tmp_path: Path) -> None:
 
 
 def test_nothing_in_it(tmp_path: Path) -> None:
-    portal = tmp_path / "portal.csv"
-    write_portal(made().iloc[:0], portal)
+    portal = write_portal(made().iloc[:0], tmp_path / "portal.csv")
     with pytest.raises(InputError, match="holds no rows"):
         only(portal)
 
@@ -345,10 +330,8 @@ def test_nothing_in_it(tmp_path: Path) -> None:
 def portal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Three recordings in some forty blocks."""
     monkeypatch.setattr(reading, "BLOCK", 1 << 14)
-    path = tmp_path / "portal.csv"
     parts = [made(US101, "0750"), made(US101, "0805", seed=1), made(LANKERSHIM, "0830")]
-    write_portal(pd.concat(parts).sample(frac=1.0, random_state=2), path)
-    return path
+    return write_portal(pd.concat(parts).sample(frac=1.0, random_state=2), tmp_path / "portal.csv")
 
 
 def test_blocks_make_no_difference(portal: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -378,8 +361,7 @@ def test_official_files_load_as_recordings(text: Path, tmp_path: Path) -> None:
     assert recording.table["x"].between(40.0, 400.0).all()
     with pytest.raises(InputError, match=r"no columns \['colour'\]; these can be used: .*'local_y'"):
         load_recording(text, {"colour": [0, 1]})
-    portal = tmp_path / "portal.csv"
-    write_portal(pd.concat([made(), made(I80, "1600")]), portal)
+    portal = write_portal(pd.concat([made(), made(I80, "1600")]), tmp_path / "portal.csv")
     with pytest.raises(
         InputError, match=r"several recordings \(us101_0750, i80_1600 and maybe more\): import it first"
     ):
@@ -401,8 +383,7 @@ def test_the_real_window_through_the_official_format(tmp_path: Path, real_data) 
     for name in in_feet:
         official[name.removesuffix("_m")] = real[name] / FOOT
     official["speed"], official["acceleration"] = real["speed_mps"] / FOOT, real["accel_mps2"] / FOOT
-    path = tmp_path / "window.txt"
-    write_text(official, path)
+    path = write_text(official, tmp_path / "window.txt")
     here = load_recording(windows, {"frame": [316, 543], "local_y_m": [180, 415]}).table
     for cleaned, near in ((False, 0.15), (True, 0.5)):
         there, counts = only(path, cleaned=cleaned)

@@ -25,6 +25,7 @@ from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.scenario import Scenario
+from made_maps import opendrive, road
 
 Written = Callable[[Path], Path]
 
@@ -117,7 +118,7 @@ def test_interaction_on_a_map_that_may_say_the_wrong_side(
 ) -> None:
     """Its cars drive east at y = -1.75, on the right, whatever the map says of its side."""
     folder = made_sources.interaction(tmp_path)
-    (tmp_path / "made.xodr").write_text(made_sources.opendrive(rule))
+    (tmp_path / "made.xodr").write_text(opendrive(road(rule=rule)))
     recording, lane_map, _ = imported(folder, tmp_path / "out", "--map", str(tmp_path / "made.xodr"))
     table = recording.table
     kinds = table.drop_duplicates("vehicle_id")["kind"].tolist()

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import made_sources
 from litsim_data.cli import main
 from litsim_data.sources.openscenario.conditions import Conditions
 from litsim_data.sources.openscenario.source import OpenScenario
@@ -19,6 +18,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
 from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.scenario import Scenario
+from made_maps import opendrive, road
 from made_openscenario import (
     ABSOLUTE,
     AT,
@@ -179,10 +179,7 @@ def test_who_changes_lanes_because_of_another_and_what_follows_from_that(tmp_pat
     acts += act("c", "C", {"follows": (same, "")})
     there = f'<ReachPositionCondition tolerance="4">{PLACE.format(100)}</ReachPositionCondition>'
     path = write(tmp_path, cars, at, acts, when(when_of("Ego", there), tag="StopTrigger"))
-    lane = re.search(r'<lane id="-1".*?</lane>', made_sources.opendrive())
-    assert lane is not None
-    roads = made_sources.opendrive().replace("</right>", f"{lane[0].replace('-1', '-2')}</right>")
-    path.with_name("made.xodr").write_text(roads)
+    path.with_name("made.xodr").write_text(opendrive(road(right=2)))
     tracks, _ = scene_of(path)
     ego, begin = tracks["Ego"], 8.1  # s at which less than 20 m are left
     share = np.clip((ego["time"] - begin) / 4.0, 0.0, 1.0)
