@@ -7,7 +7,6 @@ import shutil
 import struct
 import subprocess
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
@@ -33,6 +32,7 @@ from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, AgentTable, Cont
 from litsim_sim.kernels.garbage import without_collection
 from litsim_sim.scenario.recording import COLUMNS, Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
+from patience import PATIENCE_S, wait_for
 
 pytest_plugins = ["made_runs", "driven_runs"]  # fixtures that tests of several packages use
 
@@ -66,7 +66,6 @@ LEFT_OUT = {HERE / name for name in SLOW}  # of `--fast`
 LANE_CENTRES = tuple(-3.66 * (lane + 0.5) for lane in range(5))
 """y of the through lanes of the packaged net us101_like, leftmost first [m]; they run along +x from 0 to 640 m."""
 
-PATIENCE_S = 120.0  # for what takes a moment
 FOXGLOVE_MESSAGE, FOXGLOVE_TIME = 1, 2  # first byte of binary messages to a client
 
 USUAL_AGENT: dict[str, Any] = {
@@ -265,10 +264,7 @@ class FoxgloveClient:
 
     def wait(self, done: Callable[[], object]) -> None:
         """Listen until `done`."""
-        end = time.monotonic() + PATIENCE_S
-        while not done():
-            assert time.monotonic() < end, "the server keeps silent"
-            self._listen()
+        wait_for("the server", done, self._listen)
 
     def _listen(self) -> None:
         try:

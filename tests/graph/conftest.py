@@ -25,10 +25,10 @@ from litsim_sim.core.scene import STEP_S
 from litsim_sim.launch.signals import end_with_parent
 from litsim_sim.record.bag import BagReader
 from litsim_sim.scenario.recording import Recording, RecordingHeader
+from patience import PATIENCE_S, wait_for
 
 HERE = Path(__file__).parent
 MARK = "LITSIM_TEST"  # variable by which a graph's processes are known
-PATIENCE_S = 120.0  # for what takes a second or two; only a failing test waits so long
 ANSWER_S = 60.0  # that runs wait for answers, unless a test says otherwise: however busy the machine is
 SHORT: dict[str, Any] = {
     "name": "short",
@@ -142,16 +142,9 @@ class Graph:
         (pid,) = (pid for pid, line in self.running().items() if f"/{executable} " in line)
         os.kill(pid, number)
 
-    def wait(self, what: str, done: Callable[[], object]) -> None:
-        """Wait for `done`; `what` says for what."""
-        end = time.monotonic() + PATIENCE_S
-        while not done():
-            assert time.monotonic() < end, f"waited {PATIENCE_S:g} s for {what}"
-            time.sleep(0.05)
-
     def wait_under_way(self, bag: Path) -> None:
         """Wait until the run that is recorded to `bag` is well past its beginning."""
-        self.wait(f"step 9 in {bag}", lambda: recorded_step(bag) >= 9)
+        wait_for(f"step 9 in {bag}", lambda: recorded_step(bag) >= 9)
 
     def close(self) -> None:
         """End everything, by process id."""

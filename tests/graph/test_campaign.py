@@ -16,6 +16,7 @@ from litsim_eval.campaign.results import RunResult, read_campaign, rerun_command
 from litsim_eval.report.thumbnails import read_thumbnail
 from litsim_eval.report.verdict import verdict_in
 from litsim_sim.record.run import read_run
+from patience import wait_for
 
 STACK = [sys.executable, str(Path(__file__).with_name("programs") / "external_ego.py")]
 IMPATIENT = {"bridge.answer_timeout_s": 6.0}
@@ -121,9 +122,9 @@ def test_what_a_killed_campaign_has_started_ends_and_it_goes_on(graph: Any) -> N
     slow = {"name": "slow", "kind": "external", "command": [*STACK, "--late", "10-20", "--late-by", "0.5"]}
     file = suite(graph, [slow], [13])
     killed = start(graph, file)
-    graph.wait("the run", lambda: list(graph.folder.glob("out/runs/*/run/*.mcap")))
+    wait_for("the run", lambda: list(graph.folder.glob("out/runs/*/run/*.mcap")))
     graph.end(killed, signal.SIGKILL)
-    graph.wait("the end of all that it started", lambda: not graph.running())
+    wait_for("the end of all that it started", lambda: not graph.running())
     assert not read_campaign(graph.folder / "out").results
     done = graph.finish(start(graph, file))
     assert done.returncode == 0, done.stderr

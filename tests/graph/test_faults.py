@@ -21,6 +21,7 @@ from litsim_eval.runs.runner import Runner, record
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
+from patience import wait_for
 
 PROGRAMS = {
     "predictor": ("litsim_predictor", "predictor"),
@@ -97,7 +98,7 @@ def test_a_node_without_memory_ends_the_run(graph: Any) -> None:
     """It is given less than it takes to get ready; how that ends is up to the library that wants some first."""
     bag = graph.folder / "run"
     launcher = graph.start_launch("--scenario", graph.scenario(), "--out", bag, "--apart")
-    graph.wait("the predictor", lambda: [line for line in graph.running().values() if "/predictor " in line])
+    wait_for("the predictor", lambda: [line for line in graph.running().values() if "/predictor " in line])
     (pid,) = (pid for pid, line in graph.running().items() if "/predictor " in line)
     resource.prlimit(pid, resource.RLIMIT_AS, (MEMORY, MEMORY))
     error = error_of(graph.finish(launcher))
@@ -114,7 +115,7 @@ def test_a_wall_clock_that_is_set_back_amid_a_run_does_not_matter(graph: Any, tm
     words = ("--scenario", graph.scenario(), "--ego", "external", "--policy", "replay", "--out", bag)
     launcher = graph.start_launch(*words, "--domain-id", graph.domain, "--answer-timeout", 60, **clock)
     log = bag / "log/bridge.log"
-    graph.wait("step 20", lambda: log.is_file() and "step 20: waiting for /litsim/ego/" in log.read_text())
+    wait_for("step 20", lambda: log.is_file() and "step 20: waiting for /litsim/ego/" in log.read_text())
     before = wall_clock(clock)
     go.touch()
     assert abs(wall_clock(clock) - before - by_s) < 1800

@@ -7,6 +7,7 @@ from typing import Any
 from litsim_sim.core.stages import StageState
 from litsim_sim.nodes.recorder import NICENESS
 from litsim_sim.record.run import read_run
+from patience import wait_for
 
 LONG = {"simulation_s": 24.0}  # for runs that are ended before it is over
 
@@ -37,7 +38,7 @@ def test_interrupted_run_is_recorded_up_to_there(graph: Any) -> None:
 
 def test_interrupt_before_the_run_has_begun(graph: Any) -> None:
     launcher = graph.start_launch("--scenario", graph.scenario(), "--out", graph.folder / "run")
-    graph.wait("the first node", lambda: len(graph.running()) > 2)
+    wait_for("the first node", lambda: len(graph.running()) > 2)
     status, said = graph.end(launcher, signal.SIGTERM)  # as Ctrl-C
     assert status == 130
     assert "Traceback" not in said

@@ -14,6 +14,7 @@ import pytest
 from litsim_sim.launch.middleware import RANGE
 from litsim_sim.launch.processes import Graph as Launched
 from litsim_sim.launch.supervisor import descendants
+from patience import wait_for
 
 STACK = "import rclpy; rclpy.init(); rclpy.spin(rclpy.create_node('stack'))"
 ALONE = Path(__file__).with_name("programs") / "alone.py"
@@ -33,7 +34,7 @@ def addresses(pid: int) -> set[str]:
 
 def test_a_node_listens_on_the_loopback_interface_alone_and_leaves_no_shared_memory(graph: Any) -> None:
     node = graph.start_node("litsim_sim", "live")
-    graph.wait("its sockets", lambda: addresses(node.pid))
+    wait_for("its sockets", lambda: addresses(node.pid))
     assert addresses(node.pid) == {"127.0.0.1"}
     maps = Path(f"/proc/{node.pid}/maps").read_text() if os.access(f"/proc/{node.pid}/maps", os.R_OK) else ""
     assert "fastrtps" in maps  # it is Fast DDS
@@ -49,7 +50,7 @@ def test_a_stack_that_the_launcher_starts_stays_where_its_nodes_stay(
     try:
         made.start_stack([sys.executable, "-c", STACK])
         supervisor = made.children["ads"].process.pid
-        graph.wait("its sockets", lambda: any(map(addresses, descendants(supervisor))))
+        wait_for("its sockets", lambda: any(map(addresses, descendants(supervisor))))
         (stack,) = descendants(supervisor)
         assert (addresses(stack) == {"127.0.0.1"}) == alone
     finally:

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+from patience import wait_for
+
 EXTERNAL = ("--ego", "external", "--policy", "replay", "--set", "bridge.external_timeout_s=200.0")
 
 
@@ -19,7 +21,7 @@ def test_of_two_bridges_on_a_domain_one_refuses(graph: Any, tmp_path: Path) -> N
     one hears it begin, and ends.
     """
     first = start(graph, graph.folder / "first")
-    graph.wait("the first run", lambda: "waiting for " in log(graph.folder / "first"))
+    wait_for("the first run", lambda: "waiting for " in log(graph.folder / "first"))
     elsewhere = {"ROS_DOMAIN_ID": str(graph.domain), "XDG_RUNTIME_DIR": str(tmp_path), "LITSIM_DOMAIN_HOLDER": ""}
     parameters = {"scenario": graph.scenario(), "ego": "external", "policy": "replay", "progress": "none"}
     parameters["handshake_timeout_s"] = "30.0"

@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 from litsim_sim.record.run import read_run
+from patience import wait_for
 
 AT = 20  # step at which the run waits for its ego while somebody is stopped
 PAUSE_S = 3.0  # [s]; who does not read for 1 s has been given up by Fast DDS's shared memory
@@ -19,7 +20,7 @@ def test_who_is_stopped_and_goes_on_in_time_does_not_end_the_run(graph: Any) -> 
     words = ("--scenario", graph.scenario(), "--ego", "external", "--policy", "litsim", "--out", bag)
     launcher = graph.start_launch(*words, "--domain-id", graph.domain)
     log = bag / "log/bridge.log"
-    graph.wait(f"step {AT}", lambda: log.is_file() and f"step {AT}: waiting for /litsim/ego/" in log.read_text())
+    wait_for(f"step {AT}", lambda: log.is_file() and f"step {AT}: waiting for /litsim/ego/" in log.read_text())
     for executable in ("stages", "recorder"):
         graph.signal(executable, signal.SIGSTOP)
     go.touch()

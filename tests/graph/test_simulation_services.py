@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from patience import wait_for
+
 pytest.importorskip("simulation_interfaces", reason="simulation_interfaces is not built (tools/interfaces.sh)")
 
 from simulation_interfaces import msg, srv
@@ -31,7 +33,7 @@ def test_a_run_pauses_and_goes_on(graph: Any, recorded: Callable[..., Any]) -> N
             return list(call(srv.GetEntitiesStates, "get_entities_states").states)
 
         assert set_state(msg.SimulationState.STATE_PAUSED) == msg.Result.RESULT_OK
-        graph.wait("step 0", lambda: len(states()) == 40)
+        wait_for("step 0", lambda: len(states()) == 40)
         before = step_of(states())
         assert call(srv.StepSimulation, "step_simulation", steps=3).result.result == msg.Result.RESULT_OK
         assert step_of(states()) == before + 3
@@ -68,7 +70,7 @@ def test_scenarios_are_served_one_after_the_other(graph: Any, recorded: Callable
             wanted = msg.SimulationState(state=playing)
             done = call(srv.SetSimulationState, "set_simulation_state", state=wanted).result.result
             assert done == msg.Result.RESULT_OK
-            graph.wait("its measures", (out / f"{number:03}/metrics.json").is_file)
+            wait_for("its measures", (out / f"{number:03}/metrics.json").is_file)
 
         refused = load("nowhere")
         assert refused.result.result == refused.RESOURCE_PARSE_ERROR

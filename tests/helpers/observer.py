@@ -1,6 +1,5 @@
 """A node of a test, in a context and a domain of its own."""
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -8,7 +7,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
-PATIENCE_S = 120.0  # for what takes a second or two; only a failing test waits so long
+from patience import wait_for
 
 
 class Observer:
@@ -30,10 +29,7 @@ class Observer:
 
     def wait(self, what: str, done: Callable[[], object]) -> None:
         """Serve messages until `done`."""
-        end = time.monotonic() + PATIENCE_S
-        while not done():
-            assert time.monotonic() < end, f"waited {PATIENCE_S:g} s for {what}"
-            self.executor.spin_once(timeout_sec=0.05)
+        wait_for(what, done, lambda: self.executor.spin_once(timeout_sec=0.05))
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """The response of a service."""

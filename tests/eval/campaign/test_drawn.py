@@ -23,6 +23,7 @@ def test_policies_that_draw_drivers_run_with_each_draw() -> None:
         ("replay", None),
     ]
     assert all(DRAWN in case.parameters for case in drawn[:3]) and len({case.id for case in drawn}) == 5
+    assert [Case.from_json(case.to_json()) for case in drawn] == drawn
     assert drawn[2].name.endswith(", drivers 2") and drawn[2].of_all_draws == drawn[0].of_all_draws
 
 
@@ -60,11 +61,6 @@ def test_the_probability_is_the_share_with_wilsons_interval(failed: int, bounds:
 
 def test_runs_that_could_not_be_judged_do_not_count() -> None:
     assert [(case.failed, case.drivers) for case in drawn_cases(results(1, 4, errors=1))] == [(1, 3), (0, 4)]
-
-
-def test_a_case_that_was_saved_is_the_same() -> None:
-    for case in cases(policies=["litsim"], drivers=2):
-        assert Case.from_json(case.to_json()) == case
 
 
 def test_the_table_lists_cases_that_fail() -> None:

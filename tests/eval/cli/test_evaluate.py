@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,9 +17,10 @@ import yaml
 from campaigns import EGO, scenario_file, told
 from command_line import status
 from litsim_eval.cli import evaluate, run
+from litsim_sim.launch.supervisor import descendants
 from litsim_sim.scenario.scenario import packaged
+from patience import PATIENCE_S, wait_for
 
-PATIENCE_S = 120.0  # for what takes seconds
 FAULT = {"runs": [{"name": "no fault", "field": "collision.ego_at_fault", "max": 0}]}
 
 
@@ -284,32 +284,13 @@ def start(scenario: Path, out: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 
-def wait_for_a_result(out: Path) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not list(out.glob("runs/*/result.json")):
-        assert time.monotonic() < end, f"waited {PATIENCE_S:g} s for a result"
-        time.sleep(0.01)
-
-
-def children(of: int) -> list[int]:
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            state, parent = stat.read_text().rpartition(")")[2].split()[:2]
-        except OSError:
-            continue
-        if int(parent) == of and state != "Z":
-            found.append(int(stat.parent.name))
-    return found
-
-
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_what_was_ended_midway_goes_on_to_the_result_of_one_that_was_not(
     tmp_path, short_demo: Path, whole: tuple[int, list[Any]], number: signal.Signals
 ) -> None:
     ended = start(short_demo, tmp_path / "ended")
-    wait_for_a_result(tmp_path / "ended")
-    workers = children(ended.pid)
+    wait_for("a result", lambda: list(tmp_path.glob("ended/runs/*/result.json")))
+    workers = descendants(ended.pid)
     os.kill(ended.pid, number)
     said = ended.communicate(timeout=PATIENCE_S)[1]
     assert ended.returncode == (-number if number == signal.SIGKILL else 130)
@@ -318,10 +299,7 @@ def test_what_was_ended_midway_goes_on_to_the_result_of_one_that_was_not(
     if number == signal.SIGINT:
         assert "the same command resumes it" in said
         assert len(results(tmp_path / "ended")["runs"]) == len(before)
-    end = time.monotonic() + PATIENCE_S
-    while any(Path(f"/proc/{worker}").exists() for worker in workers):
-        assert time.monotonic() < end, "processes are left behind"
-        time.sleep(0.05)
+    wait_for("the end of its processes", lambda: not any(Path(f"/proc/{worker}").exists() for worker in workers))
     status = called("--scenario", short_demo, *DEMO, "--out", tmp_path / "ended")
     assert (status, told(tmp_path / "ended")) == whole
     assert len(whole[1]) == 6 and len(before) < 6

@@ -26,8 +26,8 @@ from litsim_sim.core.stages import StageState
 from litsim_sim.core.takeover import Takeover, TakeoverState
 from litsim_sim.record.run import Run, RunInfo, Status
 from made_agents import takeover
+from patience import PATIENCE_S
 
-PATIENCE_S = 120.0  # for what takes a moment
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NET = Path(__file__).resolve().parents[3] / "src/litsim_sim/litsim_sim/nets/us101_like.net.xml"
 FLAGS = (

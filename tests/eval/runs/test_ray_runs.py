@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from litsim_eval.runs import ray_runs
 from litsim_eval.runs.case_run import RunOutcome, run_in_process
 from litsim_eval.runs.ray_runs import RayRuns, run_task
 from litsim_sim.core.errors import InputError
+from litsim_sim.launch.supervisor import descendants
 
 PATIENCE_S = 300.0  # a cluster takes its time to begin on a busy machine
 WORDS = ("--ego-id", "3,7,24", "--ego", "idm", "--policy", "yield", "--processes", "2")
@@ -79,30 +81,15 @@ def status_here(scenario: str, out: Path) -> int:
     return status(evaluate.main, "--scenario", scenario, *WORDS, "--out", out)
 
 
-def tree(of: int) -> dict[int, str]:
-    """Command lines of the processes that `of` has started, and they."""
-    parents, lines = {}, {}
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            parents[int(folder.name)] = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
-            lines[int(folder.name)] = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-        except OSError:
-            continue
-    found, more = {of}, True
-    while more:
-        more = {process for process, parent in parents.items() if parent in found} - found
-        found |= more
-    return {process: lines[process] for process in found - {of} if process in lines}
-
-
 def kill_a_worker(of: subprocess.Popen[str]) -> str:
     """Kill a worker amid a run; returns the name of the run."""
     end = time.monotonic() + PATIENCE_S
     while time.monotonic() < end and of.poll() is None:
-        for process, line in tree(of.pid).items():
-            if line.startswith("ray::demo/"):
-                os.kill(process, signal.SIGKILL)
-                return line
+        for process in descendants(of.pid):
+            with suppress(OSError):  # it ended meanwhile
+                if (line := Path(f"/proc/{process}/cmdline").read_text()).startswith("ray::demo/"):
+                    os.kill(process, signal.SIGKILL)
+                    return line
         time.sleep(0.02)
     raise AssertionError(f"no run was seen within {PATIENCE_S:g} s, or before all were over")
 

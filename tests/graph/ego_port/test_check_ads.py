@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from litsim_eval.cli import check_ads
+from patience import wait_for
 
 HERE = Path(__file__).parents[1]
 EXAMPLES = HERE.parents[1] / "examples"
@@ -101,9 +102,9 @@ def test_a_stack_that_others_have_started(graph: Any) -> None:
 def test_all_of_a_stack_ends_with_a_check_that_is_ended(graph: Any) -> None:
     script = "import os; os.system('setsid sleep 600 & sleep 601')"
     check = start(graph, command=("-c", script))
-    graph.wait("the stack", lambda: {"sleep 600 ", "sleep 601 "} <= set(graph.running().values()))
+    wait_for("the stack", lambda: {"sleep 600 ", "sleep 601 "} <= set(graph.running().values()))
     graph.end(check, signal.SIGTERM)
-    graph.wait("the end of all", lambda: not graph.running())
+    wait_for("the end of all", lambda: not graph.running())
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +13,7 @@ import pytest
 from litsim_sim.core.errors import EXIT_INTERRUPTED
 from litsim_sim.launch.child import Child
 from litsim_sim.launch.processes import Graph
-
-PATIENCE_S = 120.0  # for what takes a moment
+from patience import wait_for
 
 TELL = """
 import json, os, signal, sys
@@ -45,10 +43,7 @@ def start(folder: Path, script: str, name: str = "node", **parameters: object) -
 
 def end_of(child: Child) -> int | None:
     """Wait for it; returns what the process has left as its exit status."""
-    until = time.monotonic() + PATIENCE_S
-    while child.running:
-        assert time.monotonic() < until
-        time.sleep(0.01)
+    wait_for("its end", lambda: not child.running)
     return child.process.returncode
 
 
@@ -129,10 +124,7 @@ sys.stdin.read()
         started = Path(f"/proc/{int(asking.stdout.readline())}")
         assert started.exists()
         asking.kill()
-    until = time.monotonic() + PATIENCE_S
-    while started.exists() and (started / "stat").read_text().rpartition(")")[2].split()[0] != "Z":
-        assert time.monotonic() < until
-        time.sleep(0.01)
+    wait_for("its end", lambda: not started.exists() or " Z " in (started / "stat").read_text())
 
 
 def test_what_is_preloaded_is_imported_once_and_output_comes_through_pipes(tmp_path: Path) -> None:

@@ -4,15 +4,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from litsim_sim.launch import supervisor
-
-PATIENCE_S = 120.0  # for what takes a moment
+from patience import PATIENCE_S, wait_for
 
 
 @pytest.fixture
@@ -30,13 +28,6 @@ def keep() -> Iterator[Callable[..., subprocess.Popen[str]]]:
             os.kill(each, signal.SIGKILL)
         process.kill()
         process.communicate()
-
-
-def wait(done: Callable[[], object]) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not done():
-        assert time.monotonic() < end, f"waited {PATIENCE_S:g} s"
-        time.sleep(0.02)
 
 
 def lives(process: int) -> bool:
@@ -94,7 +85,7 @@ def test_what_the_command_has_left_behind_is_ended(keep: Callable[..., subproces
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_reach_all_of_it(keep: Callable[..., subprocess.Popen[str]], number: signal.Signals) -> None:
     process = keep(sys.executable, "-c", "import subprocess\nsubprocess.run(['setsid', 'sleep', '600'])")
-    wait(lambda: len(supervisor.descendants(process.pid)) == 2)
+    wait_for("all of it", lambda: len(supervisor.descendants(process.pid)) == 2)
     tree = supervisor.descendants(process.pid)
     process.send_signal(number)
     assert process.wait(PATIENCE_S) != 0
@@ -104,7 +95,7 @@ def test_signals_reach_all_of_it(keep: Callable[..., subprocess.Popen[str]], num
 def test_parents_are_signalled_before_their_children(keep: Callable[..., subprocess.Popen[str]]) -> None:
     """A parent that sees its child end goes on, and may end with success before a signal reaches it."""
     process = keep("sh", "-c", "sh -c 'sh -c \"sleep 600; true\"; true'; true")
-    wait(lambda: len(supervisor.descendants(process.pid)) == 4)
+    wait_for("all of it", lambda: len(supervisor.descendants(process.pid)) == 4)
     tree = supervisor.descendants(process.pid)
     assert list(map(parent, tree)) == [process.pid, *tree[:-1]]
 
@@ -132,7 +123,7 @@ sys.stdin.read()
     ) as launcher:
         assert launcher.stdout is not None
         kept = int(launcher.stdout.readline())
-        wait(lambda: len(supervisor.descendants(kept)) == 3)
+        wait_for("all of it", lambda: len(supervisor.descendants(kept)) == 3)
         tree = supervisor.descendants(kept)
         launcher.kill()
-    wait(lambda: not any(map(lives, (kept, *tree))))
+    wait_for("their end", lambda: not any(map(lives, (kept, *tree))))

@@ -265,6 +265,12 @@ def family(*parts: Measure | str) -> tuple[Measure, ...]:
     return tuple(measures)
 
 
+def of_log(measures: Iterable[Measure]) -> Iterator[Measure]:
+    """Yields the same `measures` of the recorded vehicle, without titles, rows and texts."""
+    plain: dict[str, Any] = {"title": "", "rows": (), "moments": None, "sentence": None}
+    yield from (replace(measure, name=measure.name.replace(".", ".log."), **plain) for measure in measures)
+
+
 def moments_of(events: Callable[[Metrics], Iterable[Mapping[str, Any]]]) -> Callable[[Run, Metrics], Iterable[Span]]:
     """Returns the function of the moments of events in metrics, from their `step` to their `end_step`, if they last."""
     return lambda _, metrics: ((event["step"], event.get("end_step", event["step"])) for event in events(metrics))

@@ -27,12 +27,11 @@ def directly_linked(lanes: Sequence[Lane]) -> BoolArray:
 def straightest_successors(lanes: Sequence[Lane]) -> list[int | None]:
     """Index of the successor that turns least for each lane, the first by id of ties; None at an end of the net."""
     row = {lane.id: index for index, lane in enumerate(lanes)}
-    first, last = 0, -1  # segment of a centre line
 
     def successor(lane: Lane) -> int | None:
         def turn(name: str) -> tuple[float, str]:
-            angle = _heading(lanes[row[name]], first) - _heading(lane, last)
-            return round(abs(float(wrap_angle(angle))), DECIMALS), name
+            angle = lanes[row[name]].headings[0] - lane.headings[1]
+            return round(abs(float(wrap_angle(np.asarray(angle)))), DECIMALS), name
 
         return row[min(lane.successors, key=turn)] if lane.successors else None
 
@@ -41,8 +40,7 @@ def straightest_successors(lanes: Sequence[Lane]) -> list[int | None]:
 
 def of_streets(lanes: Sequence[Lane]) -> bool:
     """Whether a net is one of streets: inside its junctions a lane turns by 30 degrees or more, more than to merge."""
-    first, last = 0, -1
-    turns = (_heading(lane, last) - _heading(lane, first) for lane in lanes if lane.is_internal)
+    turns = (np.subtract(*lane.headings) for lane in lanes if lane.is_internal)
     return any(abs(float(wrap_angle(turn))) >= TURN for turn in turns)
 
 
@@ -66,9 +64,3 @@ def legal_limits(lanes: Sequence[Lane]) -> FloatArray:
                         higher = max(begin.speed_limit, lane.speed_limit)
                         limits[row[inside]] = max(limits[row[inside]], higher)
     return np.where(limits > 0.0, limits, [lane.speed_limit for lane in lanes])
-
-
-def _heading(lane: Lane, segment: int) -> FloatArray:
-    """Returns the direction [rad] of a segment of the centre line."""
-    step = np.diff(lane.centerline, axis=0)[segment]
-    return np.asarray(np.arctan2(step[1], step[0]))

@@ -26,7 +26,7 @@ class NetEnds:
         self._lanes = tuple(lanes)
         lines = [lane.centerline for lane in self._ends]
         self._x, self._y = (np.array([line[-1, axis] for line in lines]) for axis in (0, 1))
-        self._heading = np.array([np.arctan2(*(line[-1] - line[-2])[::-1]) for line in lines])
+        self._heading = np.array([lane.headings[1] for lane in self._ends])
         self._reach = np.array([0.5 * lane.width + SIDE_ROOM for lane in self._ends])
 
     def passed(self, x: float, y: float) -> str | None:

@@ -64,6 +64,13 @@ class Lane:
     stops: tuple[str, ...] = ()
     gives_way: tuple[str, ...] = ()
 
+    @property
+    def headings(self) -> tuple[float, float]:
+        """Headings of the centre line where it begins and where it ends [rad]."""
+        along = np.diff(self.centerline, axis=0)[[0, -1]]
+        begin, end = np.arctan2(along[:, 1], along[:, 0]).tolist()
+        return begin, end
+
 
 def lanes_from_left(lanes: Sequence[Lane]) -> list[int]:
     """Returns the numbers of `lanes` counted from the left of their edges, 1 first; 0 inside junctions.

@@ -58,6 +58,21 @@ class SignalLink:
     turns: bool = False
     foes: tuple[str, ...] = ()
 
+    @classmethod
+    def between(cls, begin: Lane, end: Lane, **known: Any) -> SignalLink:
+        """Returns the connection of two lanes, with what is `known` of it beside their places."""
+        return cls(
+            name=f"{begin.id}{ARROW}{end.id}",
+            from_lane=begin.id,
+            to_lane=end.id,
+            stop=begin.centerline[-1],
+            heading=begin.headings[1],
+            width=begin.width,
+            exit=end.centerline[0],
+            exit_heading=end.headings[0],
+            **known,
+        )
+
 
 def read_links(path: Path, *, lights: bool = True) -> tuple[SignalLink, ...]:
     """Returns the connections of a net that cars may use and lights control, by name; empty where there are no lights.
@@ -118,22 +133,15 @@ def _link(connection: Any, lanes: dict[str, Lane], foes: tuple[str, ...]) -> Sig
     while following and following in lanes and lanes[following].is_internal and following not in via:
         via.append(following)  # a connection with a waiting place inside the junction has two lanes
         following = next(iter(lanes[following].successors), "")
-    last, before = begin.centerline[-1], begin.centerline[-2]
-    return SignalLink(
-        name=_name(connection),
-        from_lane=begin.id,
-        to_lane=end.id,
+    return SignalLink.between(
+        begin,
+        end,
         via=tuple(via),
         light=connection.getTLSID(),
         index=int(connection.getTLLinkIndex()),
         junction=connection.getFrom().getToNode().getID(),
         turns=connection.getDirection() != STRAIGHT,
         foes=foes,
-        stop=last,
-        heading=float(np.arctan2(*(last - before)[::-1])),
-        width=begin.width,
-        exit=end.centerline[0],
-        exit_heading=float(np.arctan2(*(end.centerline[1] - end.centerline[0])[::-1])),
     )
 
 

@@ -54,7 +54,7 @@ def lane_table(lane_map: LaneMap, mission: Mission) -> PointCloud2:
     points, number = np.zeros(len(lane_map.lanes), _LANE), _numbers(lane_map)
     for point, lane in zip(points, lane_map.lanes, strict=True):
         _place(point, lane.centerline[0], lane.heights)
-        point["yaw"] = np.arctan2(*(lane.centerline[1] - lane.centerline[0])[::-1])
+        point["yaw"] = lane.headings[0]
         point["length"], point["width"], point["inside_junction"] = lane.length, lane.width, lane.is_internal
         point["left"], point["right"] = (number.get(side or "", NONE) for side in (lane.left, lane.right))
     points["speed_limit"], points["entered"] = lane_map.speed_limits, mission.entered

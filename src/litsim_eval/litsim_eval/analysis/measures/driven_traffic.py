@@ -27,6 +27,7 @@ from litsim_eval.analysis.measure import (
     Table,
     family,
     figure_at,
+    mean_of,
     middle,
 )
 from litsim_eval.analysis.measures.collision import collisions
@@ -101,12 +102,12 @@ class Traffic:
             "following": len(headway),
             "headway_s": float(np.median(headway)) if len(headway) else None,
             "gap_m": float(np.median(gap)) if len(gap) else None,
-            "headway_below_half_s": _share(headway < HEADWAY_CLOSE_S),
-            "ttc_below_3_s": _share(time_to_leader < TTC_SHORT_S),
+            "headway_below_half_s": mean_of(headway < HEADWAY_CLOSE_S),
+            "ttc_below_3_s": mean_of(time_to_leader < TTC_SHORT_S),
             "accelerations": len(acceleration),
-            "braking_beyond_2_mps2": _share(acceleration < -BRAKING_HARD),
+            "braking_beyond_2_mps2": mean_of(acceleration < -BRAKING_HARD),
             "jerks": len(jerk),
-            "jerk_mps3": float(np.abs(jerk).mean()) if len(jerk) else None,
+            "jerk_mps3": mean_of(np.abs(jerk)),
             "lane_changes": changes,
             "lane_changes_per_minute": None if changes is None or not minutes else changes / minutes,
         }
@@ -201,10 +202,6 @@ def _joined(parts: list[Samples]) -> Samples:
         np.concatenate([np.empty(0, np.int64), *(part.agent for part in parts)]),
         np.concatenate([np.empty(0), *(part.value for part in parts)]),
     )
-
-
-def _share(which: BoolArray) -> float | None:
-    return float(which.mean()) if len(which) else None
 
 
 @Branch

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from litsim_eval.analysis.measure import (
     family,
     in_percent,
     mean,
+    of_log,
     percent,
 )
 from litsim_eval.analysis.measures.comfort import comfort, spans
@@ -122,7 +122,7 @@ MOTION = (
             moments=moments_of_standoffs,
         ),
         "the same of the recorded vehicle",
-        *(replace(measure, name=measure.name.replace(".", ".log."), title="", moments=None) for measure in DRIVEN),
+        *of_log(DRIVEN),
     ),
 )
 RISK = family(

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from litsim_eval.analysis.measure import LOWER, Branch, Count, Share, family
+from litsim_eval.analysis.measure import LOWER, Branch, Count, Share, family, mean_of
 from litsim_eval.analysis.measures.collision import Verdict, collisions, judge
 from litsim_eval.analysis.measures.motion_features import SAMPLE
 from litsim_sim.core.geometry import to_body, wrap_angle
@@ -51,8 +51,8 @@ def reactsim(run: Run) -> dict[str, Any]:
         "contact_share": _contact_share(steps, ego),
         "off_road": None if lane_map is None else _off_road(sampled),
         "wrong_way": None if lane_map is None else _wrong_way(sampled),
-        "acceleration_infeasible": _share(np.abs(sampled.acceleration[sampled.follows]) > ACCELERATION_MAX),
-        "curvature_infeasible": _share(np.abs(sampled.curvature[sampled.follows]) > CURVATURE_MAX),
+        "acceleration_infeasible": mean_of(np.abs(sampled.acceleration[sampled.follows]) > ACCELERATION_MAX),
+        "curvature_infeasible": mean_of(np.abs(sampled.curvature[sampled.follows]) > CURVATURE_MAX),
     }
 
 
@@ -180,7 +180,7 @@ def _off_road(sampled: _Sampled) -> float | None:
     order = np.lexsort((sampled.number, sampled.agent))
     agent, on_road = sampled.agent[order], sampled.on_road[order]
     _, first, which = np.unique(agent, return_index=True, return_inverse=True)
-    return _share(~on_road[on_road[first][which]])
+    return mean_of(~on_road[on_road[first][which]])
 
 
 def _wrong_way(sampled: _Sampled) -> float | None:
@@ -190,10 +190,6 @@ def _wrong_way(sampled: _Sampled) -> float | None:
     again = (agent[1:] == agent[:-1]) & (np.diff(number) == SAMPLE) & wrong[1:] & wrong[:-1]
     vehicles = len(np.unique(agent))
     return len(np.unique(agent[1:][again])) / vehicles if vehicles else None
-
-
-def _share(which: BoolArray) -> float | None:
-    return float(which.mean()) if len(which) else None
 
 
 MEASURES = family(

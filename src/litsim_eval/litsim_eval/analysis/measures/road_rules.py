@@ -22,12 +22,13 @@ from litsim_eval.analysis.measure import (
     family,
     known_total,
     largest,
+    of_log,
 )
 from litsim_eval.analysis.measures.comfort import spans
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.lane_map.signal_links import ARROW, SignalLink, crossings
+from litsim_sim.lane_map.signal_links import SignalLink, crossings
 from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import Run
 
@@ -101,25 +102,8 @@ def _within_window(parts: FloatArray) -> FloatArray:
 
 def stop_lines(lane_map: LaneMap) -> list[SignalLink]:
     """Returns the connections of the lanes before which a stop sign stands."""
-    lines = []
-    for lane in lane_map.lanes:
-        for name in lane.stops:
-            to, line = lane_map.lanes[lane_map.row(name)], lane.centerline
-            lines.append(
-                SignalLink(
-                    *(f"{lane.id}{ARROW}{name}", lane.id, name),
-                    stop=line[-1],
-                    heading=_heading(line[-2:]),
-                    width=lane.width,
-                    exit=to.centerline[-1],
-                    exit_heading=_heading(to.centerline[-2:]),
-                )
-            )
-    return lines
-
-
-def _heading(part: FloatArray) -> float:
-    return float(np.arctan2(*(part[1] - part[0])[::-1]))
+    ways = ((lane, lane_map.lanes[lane_map.row(name)]) for lane in lane_map.lanes for name in lane.stops)
+    return [replace(SignalLink.between(lane, inside), exit=inside.centerline[-1]) for lane, inside in ways]
 
 
 def stops_at(lines: Sequence[SignalLink], steps: Steps, last: int, ego: int) -> BoolArray:
@@ -182,13 +166,4 @@ OWN = family(
         sentence=_stop_text,
     ),
 )
-MEASURES = (
-    *OWN,
-    *family(
-        "the same of the recorded vehicle",
-        *(
-            replace(measure, name=measure.name.replace(".", ".log."), title="", rows=(), moments=None, sentence=None)
-            for measure in OWN
-        ),
-    ),
-)
+MEASURES = (*OWN, *family("the same of the recorded vehicle", *of_log(OWN)))
