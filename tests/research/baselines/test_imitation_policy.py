@@ -1,5 +1,6 @@
 """The baselines `gail` and `rail`: a network drives everybody who is listed, within its bounds and by nothing else."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,11 @@ from litsim_policy.driving.registry import make_policy
 from litsim_research.baselines.imitation_policy import (
     BOUNDS,
     FORMAT,
+    Gail,
     ImitationConfig,
     ImitationNetwork,
     ImitationPolicy,
+    largest,
 )
 from litsim_research.imitation.network import TrafficPolicy, save
 from litsim_sim.core.errors import InputError
@@ -60,6 +63,34 @@ def test_what_the_network_says_is_done_within_its_bounds(scenario: Scenario) -> 
     )
 
 
+def test_an_action_is_a_share_of_what_is_published_or_of_what_the_vehicle_can_do() -> None:
+    """Slowly it turns as tightly as a junction asks, and fast no harder than its tyres hold."""
+    speed = np.array([0.0, 4.0, 24.45])
+    slow, turning, fast = largest(speed, "vehicle").tolist()
+    assert slow == [4.0, pytest.approx(0.2)], "at rest, an action still has a scale"
+    assert turning == [4.0, pytest.approx(0.8)] and fast == [4.0, pytest.approx(0.2)]
+    assert largest(speed, "published").tolist() == [[4.0, 0.15]]
+
+
+@pytest.mark.parametrize("name", ["gail", "rail"])
+def test_the_packaged_network_for_streets_turns_at_junctions(make_scenario: Any, track: Any, name: str) -> None:
+    street, motorway = (
+        ImitationConfig().network(name, make_scenario(track(1, x=x, y=y), net=net).lane_map)
+        for net, x, y in (("urban_like", -150.0, -4.95), ("us101_like", 200.0, -5.49))
+    )
+    assert (street.turning, motorway.turning) == ("vehicle", "published")
+
+
+def test_the_file_says_what_yaw_rate_action_1_is(tmp_path: Path, scenario: Scenario) -> None:
+    file = tmp_path / "w.safetensors"
+    save(TrafficPolicy("vehicle"), file, {})
+    assert ImitationNetwork.load(file).turning == "vehicle"
+    policy = ImitationPolicy(scenario, ImitationConfig(), replace(network(-0.5, 0.2), turning="vehicle"))
+    table = scenario.log.table(5)
+    most = largest(table.speed[table.rows(np.array([2]))], "vehicle")
+    assert policy.act(table, takeovers_in_region(5, 2)).yaw_rate == pytest.approx(0.2 * most[:, 1])
+
+
 def test_drawn_actions_are_the_agents_own(make_scenario: Any, track: Any) -> None:
     config, by_seed = ImitationConfig(actions="drawn"), {}
     for seed in (0, 1):
@@ -98,16 +129,19 @@ def test_numpy_and_torch_say_the_same(tmp_path: Path) -> None:
         ({"hidden2.weight": None}, {}, r"tensor hidden2.weight has shape none, expected \(64, 128\)"),
         ({"log_std": None}, {}, r"tensor log_std has shape \(0,\), expected \(2,\) finite numbers"),
         ({"hidden0.bias": torch.full((128,), float("inf"))}, {}, "tensor hidden0.bias holds non-finite"),
+        ({}, {"turning": "free"}, "metadata turning is 'free', expected published or vehicle"),
         ({}, {"format": "litsim policy C, 1"}, f"expected '{FORMAT}'"),
     ],
 )
-def test_files_that_are_wrong(tmp_path: Path, tensors: Any, metadata: dict[str, str], said: str) -> None:
+def test_files_that_are_wrong(
+    tmp_path: Path, scenario: Scenario, tensors: Any, metadata: dict[str, str], said: str
+) -> None:
     save(TrafficPolicy(), tmp_path / "w.safetensors", {})
     contents = {**load_file(tmp_path / "w.safetensors"), **tensors}
     path = tmp_path / "wrong.safetensors"
     save_file({k: v for k, v in contents.items() if v is not None}, str(path), {"format": FORMAT} | metadata)
     with pytest.raises(InputError, match=said) as error:
-        ImitationConfig(weights=str(path)).network("gail")
+        Gail(scenario, ImitationConfig(weights=str(path)))
     assert str(path) in str(error.value)
 
 
@@ -123,6 +157,6 @@ def test_the_shipped_networks_drive_a_column_behind_an_ego_that_follows_its_log(
     assert x[-1] - x[0] > 20.0, "and goes on"
 
 
-def test_both_are_not_the_same() -> None:
-    plain, augmented = (ImitationConfig().network(name) for name in ("gail", "rail"))
+def test_both_are_not_the_same(scenario: Scenario) -> None:
+    plain, augmented = (ImitationConfig().network(name, scenario.lane_map) for name in ("gail", "rail"))
     assert not np.array_equal(plain.weights[-1], augmented.weights[-1])

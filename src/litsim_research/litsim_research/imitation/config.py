@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from litsim_research.baselines.imitation_policy import Turning
 from litsim_research.imitation.critic import WassersteinConfig
 from litsim_research.policies.data import DataConfig
 from litsim_research.policies.expert import PairsConfig
@@ -28,6 +29,8 @@ class ImitationTraining(BaseModel):
         together: number of scenes that are drawn at a time; those of one kind are stepped together.
         agents: most agents driven in a scene, one number for each of as many equal parts of the iterations.
         radius: distance from the ego within which these agents are chosen [m].
+        turning: the yaw rate of action 1: `published`, 0.15 rad/s, for motorways; or `vehicle`, the vehicle's limit,
+            with which agents can turn at junctions.
         augmentation: penalty of a step in contact or off the road, in standard deviations of the critic's reward, and
             half of it for hard braking; 0 is GAIL, more is RAIL.
         validate_every: iterations between validations.
@@ -45,6 +48,7 @@ class ImitationTraining(BaseModel):
     together: int = Field(8, gt=0)
     agents: tuple[int, ...] = Field((10, 20, 40), min_length=1)
     radius: float = Field(60.0, gt=0)
+    turning: Turning = "published"
     augmentation: float = Field(0.0, ge=0)
     validate_every: int = Field(5, gt=0)
     validation_scenes: int = Field(12, gt=0)

@@ -11,7 +11,7 @@ from litsim_policy.driving.features.traffic_observation import TrafficObserver
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath, route_path
-from litsim_research.baselines.imitation_policy import BOUNDS, commanded
+from litsim_research.baselines.imitation_policy import BOUNDS, Turning, commanded, largest
 from litsim_research.policies.draw import STAYS
 from litsim_research.policies.reward import EDGE_FROM, EDGE_FULL, edge_clearance, others_near, ramp
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
@@ -70,8 +70,12 @@ class TrafficEpisodes:
         seen: (m, SIZE) their observations.
     """
 
-    def __init__(self, scenes: Sequence[Scenario], count: int, radius: float) -> None:
-        """Choose up to `count` agents of each of `scenes`, within `radius` [m] of its ego."""
+    def __init__(self, scenes: Sequence[Scenario], count: int, radius: float, turning: Turning = "published") -> None:
+        """Choose up to `count` agents of each of `scenes`, within `radius` [m] of its ego.
+
+        `turning` says what yaw rate action 1 is.
+        """
+        self._turning = turning
         self._simulation = Simulation(scenes, "log", policy=None, full_length=True)
         assert self._simulation.batch is not None
         self.batch = self._simulation.batch
@@ -97,14 +101,15 @@ class TrafficEpisodes:
     def step(self, action: FloatArray) -> TrafficStep:
         """Drive :attr:`agents` by `action` (m, 2), in [-1, 1] after clipping."""
         agents = self.agents
-        after = self._simulation.step(controls=commanded(self._followers, action))
+        most = np.broadcast_to(largest(self._followers.speed, self._turning), (len(agents), len(BOUNDS)))
+        after = self._simulation.step(controls=commanded(self._followers, action, self._turning))
         self._see(after)
         rows = after.rows(agents)
         here = rows >= 0
         executed, error = np.zeros((len(agents), len(BOUNDS))), np.full(len(agents), np.nan)
         contact, off, brake = np.zeros(len(agents), np.bool_), np.zeros(len(agents)), np.zeros(len(agents))
         on = rows[here]
-        executed[here] = np.column_stack([after.acceleration[on], after.yaw_rate[on]]) / BOUNDS
+        executed[here] = np.column_stack([after.acceleration[on], after.yaw_rate[on]]) / most[here]
         touching, _ = others_near(after, on)
         contact[here] = touching.any(axis=1)
         off[here] = ramp(edge_clearance(after, on, self.batch.lane_map), EDGE_FROM, EDGE_FULL)

@@ -10,25 +10,31 @@ from litsim_policy.driving.features.traffic_observation import SIZE, TrafficObse
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath, logged_path, route_path, window
-from litsim_research.baselines.imitation_policy import BOUNDS
+from litsim_research.baselines.imitation_policy import BOUNDS, Turning, largest
 from litsim_research.policies.expert import ExpertPairs, PairsConfig, displaced, inverse_dynamics
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.scenario.scenario import Scenario
 
 
 def traffic_pairs(
-    scenarios: Sequence[Scenario], config: PairsConfig, random: np.random.Generator, real: Collection[str] = ()
+    scenarios: Sequence[Scenario],
+    config: PairsConfig,
+    random: np.random.Generator,
+    real: Collection[str] = (),
+    turning: Turning = "published",
 ) -> ExpertPairs:
     """Returns pairs of all vehicles of `scenarios`: observations (n, SIZE) and actions (n, 2).
 
     Paths follow the logs' routes, as after a takeover at the vehicle's first pair. `real` names the scenarios in which
-    people drove.
+    people drove; `turning` says what yaw rate action 1 is.
     """
     people = [scenario.name in real for scenario in scenarios]
-    return ExpertPairs.of(scenarios, lambda scenario: _of_scenario(scenario, config, random), people)
+    return ExpertPairs.of(scenarios, lambda scenario: _of_scenario(scenario, config, random, turning), people)
 
 
-def _of_scenario(scenario: Scenario, config: PairsConfig, random: np.random.Generator) -> list[FloatArray]:
+def _of_scenario(
+    scenario: Scenario, config: PairsConfig, random: np.random.Generator, turning: Turning
+) -> list[FloatArray]:
     """Returns the first four columns of :class:`.ExpertPairs` for one scenario."""
     log, observer = scenario.log, TrafficObserver(scenario.lane_map)
     routes: dict[int, ReferencePath] = {}
@@ -57,7 +63,8 @@ def _of_scenario(scenario: Scenario, config: PairsConfig, random: np.random.Gene
         observed = observer.observe(PathFollowers(scenario.lane_map, table, chosen, batch))
         displaced_observed = observer.observe(PathFollowers(scenario.lane_map, table, chosen, batch, poses))
         actions, corrections = (
-            np.clip(np.column_stack([acceleration, turn]) / BOUNDS, -1.0, 1.0) for turn in (yaw_rate, steering)
+            np.clip(np.column_stack([acceleration, turn]) / largest(table.speed[chosen], turning), -1.0, 1.0)
+            for turn in (yaw_rate, steering)
         )
         steps.append((observed, actions, displaced_observed, corrections))
     return [np.concatenate(column) for column in zip(*steps, strict=True)]

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from litsim_policy.driving.features.traffic_observation import SIZE
-from litsim_research.baselines.imitation_policy import BOUNDS, FORMAT, HIDDEN, LAYERS
+from litsim_research.baselines.imitation_policy import BOUNDS, FORMAT, HIDDEN, LAYERS, TURNING, Turning
 from litsim_research.policies.network import StochasticPolicy
 from litsim_research.predictors.checkpoint import save_weights
 
@@ -16,12 +16,17 @@ LOG_STD_START = -1.0
 
 
 class TrafficPolicy(StochasticPolicy):
-    """A Gaussian over accelerations and yaw rates, in units of BOUNDS."""
+    """A Gaussian over accelerations and yaw rates, as shares of :func:`.imitation_policy.largest`.
+
+    Attributes:
+        turning: what yaw rate action 1 is.
+    """
 
     layers, log_std_range = LAYERS, (-3.0, 0.0)
 
-    def __init__(self) -> None:
+    def __init__(self, turning: Turning = "published") -> None:
         super().__init__()
+        self.turning: Turning = turning
         sizes = (SIZE, *HIDDEN, len(BOUNDS))
         for name, inputs, outputs in zip(LAYERS, sizes, sizes[1:], strict=False):
             layer = nn.Linear(inputs, outputs)
@@ -55,4 +60,4 @@ def save(policy: TrafficPolicy, path: Path, about: dict[str, str]) -> None:
         Unwritable: the file cannot be written; what was there is kept.
     """
     tensors = policy.state_dict() | {"log_std": torch.log(policy.std())}
-    save_weights(tensors, {"format": FORMAT, **about}, path)
+    save_weights(tensors, {"format": FORMAT, TURNING: policy.turning, **about}, path)

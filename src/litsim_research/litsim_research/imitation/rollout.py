@@ -49,7 +49,7 @@ def drive(
 
     Actions are drawn by `generator`; None for the policy's means.
     """
-    episodes = TrafficEpisodes(scenes, count, radius)
+    episodes = TrafficEpisodes(scenes, count, radius, policy.turning)
     ids, columns = [], []
     contacts, off = set(), set()
     error = np.empty(0)

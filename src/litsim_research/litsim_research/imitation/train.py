@@ -55,7 +55,7 @@ class Imitation(AdversarialTraining):
         super().__init__(data)
         torch.manual_seed(config.seed)
         self.config = config
-        self.policy, self.value = TrafficPolicy(), perceptron(SIZE)
+        self.policy, self.value = TrafficPolicy(config.turning), perceptron(SIZE)
         self.critic = perceptron(SIZE + len(BOUNDS), config.critic.dropout)
         parameters = [*self.policy.parameters(), *self.value.parameters()]
         self.policy_optimiser = torch.optim.Adam(parameters, config.ppo.learning_rate)
@@ -83,7 +83,8 @@ def run(config: ImitationTraining, out: Path, *, resume: bool = False, progress:
     training = Imitation(config, data)
     if resume:
         training.read(out / CHECKPOINT)
-    experts = traffic_pairs(data.each_once, config.drivers, np.random.default_rng([config.seed, 1]), data.real)
+    random = np.random.default_rng([config.seed, 1])
+    experts = traffic_pairs(data.each_once, config.drivers, random, data.real, config.turning)
     recorded, shown = experts.demonstrations(config.drivers.real_share)
     if not training.history:
         clone(training.policy, shown, config.warm_start, config.seed, shown.surprise)
