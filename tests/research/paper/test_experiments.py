@@ -6,6 +6,7 @@ import pytest
 
 from litsim_data.traffic.seeds import PAPER
 from litsim_eval.campaign.suite import EgoSetup
+from litsim_research.paper import roads as roads_module
 from litsim_research.paper.experiments import (
     ABLATION,
     CHANGED,
@@ -78,3 +79,20 @@ def test_quick_roads_are_short_and_have_seeds(tmp_path: Path) -> None:
             scenario = Scenario.load(entry.scenario)
             assert entry.tags == [name] and entry.ego_id in scenario.possible_egos
             assert scenario.total_steps - scenario.history_steps == 60
+
+
+def test_generated_roads_of_other_seeds_are_not_taken_for_those_of_these(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder of an earlier run has what was drawn then."""
+    made: list[int] = []
+
+    def write(_: str, count: int, seed: int, folder: Path) -> None:
+        made.append(seed)
+        folder.mkdir()
+        (folder / "manifest.yaml").touch()
+        (folder / f"{count}.yaml").touch()
+
+    monkeypatch.setattr(roads_module, "write_segment_set", write)
+    first, again, other = (roads_module.generated("urban", 3, seed, tmp_path) for seed in (1, 1, 2))
+    assert first == again != other and made == [1, 2]

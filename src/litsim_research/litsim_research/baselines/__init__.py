@@ -1,1 +1,1 @@
-"""The paper's baselines as policies of the background: IDM, GAIL, RAIL and SimNet."""
+"""Baselines as policies of the background: the paper's IDM, GAIL, RAIL and SimNet, and a predictor in closed loop."""

@@ -72,7 +72,7 @@ def candidates(name: str, folder: Path, *, quick: bool) -> Suite:
     if quick:
         files = dict.fromkeys(entry.scenario for entry in Suite.load(QUICK_TURNS).cases if name in entry.tags)
     else:
-        files = dict.fromkeys(generated(URBAN, SEGMENTS, LEFT_TURNS, folder / name))
+        files = dict.fromkeys(generated(URBAN, SEGMENTS, LEFT_TURNS, folder))
     return _suite(name, left_turns(files), [brakers[0], EgoSetup(name="idm", kind="idm"), brakers[1]])
 
 

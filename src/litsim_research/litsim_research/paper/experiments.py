@@ -162,7 +162,7 @@ CHANGED = Experiment(
     name="changes",
     description="Ours with one of its changes at a time taken back to what the paper does.",
     policies=(REPLAY, OURS, *_taken_back(), PAPER_SETUP),
-    egos=CONFLICTING,
+    egos=CONFLICTING[:1],
     by_set=False,
     counts_alone=True,
 )

@@ -106,20 +106,21 @@ def _streets(folder: Path) -> list[CaseEntry]:
 def _generated(name: str, folder: Path) -> list[CaseEntry]:
     entries = []
     for draw, seed in enumerate(PAPER):
-        files = generated(name, SEGMENTS, seed, folder / f"{name}_{draw}")
+        files = generated(name, SEGMENTS, seed, folder)
         entries += [_entry(name, path, Scenario.load(path).ego_id, draw) for path in files]
     return entries
 
 
 def generated(name: str, count: int, seed: int, folder: Path) -> list[str]:
-    """Returns scenario files of `count` segments of the set called `name` in `folder`, generated if missing.
+    """Returns scenario files of `count` segments of the set called `name`; a folder in `folder` has them from then on.
 
     Raises:
         InputError: `folder` cannot be written.
     """
-    if not (folder / MANIFEST_FILE).is_file():
-        write_segment_set(NETS[name], count, seed, folder)
-    return [str(path.resolve()) for path in sorted(folder.glob("*.yaml")) if path.name != MANIFEST_FILE]
+    out = folder / f"{name}_{seed}_{count}"
+    if not (out / MANIFEST_FILE).is_file():
+        write_segment_set(NETS[name], count, seed, out)
+    return [str(path.resolve()) for path in sorted(out.glob("*.yaml")) if path.name != MANIFEST_FILE]
 
 
 def _quick(name: str, folder: Path) -> list[CaseEntry]:
