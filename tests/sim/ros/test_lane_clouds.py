@@ -53,6 +53,14 @@ def test_which_lanes_follow_and_which_light_controls_the_way(mission: Mission) -
     assert set(read(lane_links(STREET, ()))["light"]) == {NONE}
 
 
+def test_who_gives_way_by_the_signs() -> None:
+    """Side roads, and who turns to the left across the others: before the junction, and where it waits inside it."""
+    ways = read(lane_links(STREET, ()))
+    minor = {(STREET.lanes[way["lane"]].id, STREET.lanes[way["to_lane"]].id) for way in ways[ways["give_way"] == 1]}
+    assert {("ANA_0", ":A_1_0"), ("BA_2", ":A_6_0"), (":A_6_0", ":A_15_0")} <= minor
+    assert not {("WA_0", ":A_11_0"), ("BA_0", ":A_4_0")} & minor
+
+
 def test_a_stop_sign_stands_before_a_way(tmp_path: Any, mission: Mission) -> None:
     (tmp_path / "net.xml").write_text(NET.read_text().replace('dir="s" state="O"', 'dir="s" state="s"'))
     lane_map = LaneMap.from_net(tmp_path / "net.xml")

@@ -30,7 +30,8 @@ _LINK = np.dtype(
         *((name, "<f4") for name in ("x", "y", "z")),
         *((name, "<u4") for name in ("lane", "to_lane", "light")),
         ("stop", "u1"),
-        ("padding", "V7"),
+        ("give_way", "u1"),
+        ("padding", "V6"),
         ("x64", "<f8"),
         ("y64", "<f8"),
     ]
@@ -67,7 +68,8 @@ def lane_links(lane_map: LaneMap, links: tuple[SignalLink, ...]) -> PointCloud2:
 
     Fields: x, y, z as FLOAT32 [m]; lane and to_lane, numbers of the lanes as in :func:`lane_table`, and light, the
     number of the point of :func:`.standard.lights` that controls the way, 0xFFFFFFFF for none, as UINT32; stop, whether
-    a stop sign stands there, as UINT8; x64 and y64 as FLOAT64. `links` are the controlled connections in their order.
+    a stop sign stands there, and give_way, whether the way gives way by signs, as UINT8; x64 and y64 as FLOAT64.
+    `links` are the controlled connections in their order.
     """
     number = _numbers(lane_map)
     light = {(link.from_lane, (*link.via, link.to_lane)[0]): row for row, link in enumerate(links)}
@@ -76,7 +78,8 @@ def lane_links(lane_map: LaneMap, links: tuple[SignalLink, ...]) -> PointCloud2:
     for point, (lane, name) in zip(points, pairs, strict=True):
         _place(point, lane.centerline[-1], None if lane.heights is None else lane.heights[::-1])
         point["lane"], point["to_lane"] = number[lane.id], number[name]
-        point["light"], point["stop"] = light.get((lane.id, name), NONE), name in lane.stops
+        point["light"] = light.get((lane.id, name), NONE)
+        point["stop"], point["give_way"] = name in lane.stops, name in lane.gives_way
     return cloud(0, points)
 
 
