@@ -189,6 +189,13 @@ def test_runs_that_are_not_valid(run: Any, change: dict[str, Any], why: str) -> 
     json.dumps(metrics, allow_nan=False)
 
 
+def test_what_follows_the_end_of_a_run_that_did_not_finish_is_not_told(run: Any) -> None:
+    cut, log = ([table for table in tables if table.step <= 40] for tables in (run.tables, run.log))
+    gaps = {"/clock": TopicGaps(missing=(7, *range(41, STEPS + 1)))}
+    why = compute_metrics(replace(run, tables=cut, log=log, statuses=[], gaps=gaps))["why"]
+    assert why.endswith(f"the bridge did not finish: last step 40 of {STEPS}; /clock: 1 steps missing (first 7)")
+
+
 def test_a_run_is_judged_against_its_seal(run: Any, write_run: Make, tmp_path: Path) -> None:
     folder = write_run(run, tmp_path / "bag")
     recorded = read_run(folder)

@@ -45,7 +45,7 @@ METRICS: dict[str, Any] = {
         ({"field": "signals.red_ego", "max": 0}, "red light passed, A -> B at 14.2 s"),
         ({"field": "minimum_risk_s", "max": 0}, "ego: minimum-risk manoeuvres 2.50 s, expected at most 0 s"),
         ({"field": "ego_motion.off_road", "max": 0}, "ego: off the road 12.5 %, expected at most 0 %"),
-        ({"field": "safety.min_own_ttc_s", "min": 0.95}, "ego: shortest own TTC 0.00 s, expected at least 0.95 s"),
+        ({"field": "safety.min_own_ttc_s", "min": 0.95}, "shortest own TTC 0 s by that contact"),
         (
             {"field": "ego_motion.progress_ratio", "min": 0.2},
             f"the ego came 13.8 % as far as its log, expected at least 20 %; {STANDOFF}",
@@ -70,3 +70,18 @@ def test_measures_of_earlier_versions_are_told_as_numbers() -> None:
     bare = {"collision": {"ego_at_fault": 2}}
     (result,) = judge(bare, Criteria(runs=[{"name": "fault", "field": "collision.ego_at_fault", "max": 0}]))
     assert result.reason == "fault: collision.ego_at_fault is 2, expected at most 0"
+
+
+def test_without_a_contact_the_time_to_collision_is_told() -> None:
+    metrics = METRICS | {"safety": {"min_own_ttc_s": 0.5}, "fault": {"of_ego": 0, "contacts": []}}
+    (result,) = judge(metrics, Criteria.model_validate({"runs": [{"field": "safety.min_own_ttc_s", "min": 0.95}]}))
+    assert result.reason == "shortest own TTC 0.50 s, expected at least 0.95 s"
+
+
+def test_of_an_ego_that_created_it_no_driver_is_told_who_hits_too() -> None:
+    fault = FAULT | {"cause": "entered", "by": "ego", "avoided": False}
+    (result,) = judge(
+        METRICS | {"fault": {"of_ego": 1, "contacts": [fault]}},
+        Criteria.model_validate({"runs": [{"field": "fault.of_ego", "max": 0}]}),
+    )
+    assert result.reason.endswith("the ego came from the side, and braking was too late by then)")

@@ -60,6 +60,8 @@ def cause_text(contact: Mapping[str, Any]) -> str:
     """Returns a sentence on an entry of `fault.contacts`: what led to it, and what a careful driver does."""
     who = {Side.EGO: "the ego", Side.OTHER: str(contact["agent"])}.get(contact["by"], "")
     text = TEXTS[Cause(contact["cause"])].format(who=who)
+    if contact["by"] == Side.EGO and not contact["avoided"]:
+        return f"{text}, and braking was too late by then"
     return f"{text}, a careful driver {'avoids it' if contact['avoided'] else 'hits too'}"
 
 
@@ -79,7 +81,7 @@ MEASURES = family(
     Count(
         "fault.of_ego",
         lambda run: sum(contact.blame.of_ego for contact in new_contacts(run)),
-        *("contacts the ego answers for", "", LOWER),
+        *("contacts at the ego's fault", "", LOWER),
         rows=KNOWN_OF_EGO,
         sentence=_text,
         moments=moments_of(answered),

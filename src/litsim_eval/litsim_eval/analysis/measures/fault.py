@@ -9,7 +9,6 @@ from typing import Any
 from litsim_eval.analysis.careful_driver import CarefulDriver, careful_driver
 from litsim_eval.analysis.measure import (
     HIGHER,
-    KNOWN_OF_EGO,
     LOWER,
     MEAN,
     MEAN_CONTROLLED,
@@ -193,8 +192,7 @@ MEASURES = family(
     Count(
         "collision.ego_at_fault",
         lambda run: sum(contact.contact.ego_at_fault for contact in new_contacts(run)),
-        *("contacts at the ego's fault", "", LOWER),
-        rows=KNOWN_OF_EGO,
+        *("contacts at the ego's fault, by nuPlan", "", LOWER),
         sentence=_contacts_at_fault,
         moments=moments_of(at_fault),
     ),

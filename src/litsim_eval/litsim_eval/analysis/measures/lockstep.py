@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,8 +35,15 @@ def lockstep(run: Run) -> dict[str, Any]:
 
 
 def problems(run: Run) -> list[str]:
-    """Returns all that makes a run invalid, in words; empty for a valid run."""
-    gaps = (f"{topic}: {_described(gaps)}" for topic, gaps in sorted(run.gaps.items()) if gaps)
+    """Returns all that makes a run invalid, in words; empty for a valid run.
+
+    Of a run that did not finish, the steps from its last on are not named as missing.
+    """
+    end = run.last_step + 1 if run.summary else run.tables[-1].step
+    within = {
+        topic: replace(gaps, missing=tuple(k for k in gaps.missing if k < end)) for topic, gaps in run.gaps.items()
+    }
+    gaps = (f"{topic}: {_described(gaps)}" for topic, gaps in sorted(within.items()) if gaps)
     return [*_failures(run), *unanswered(run.summary), *gaps, *_unusable(run), *_not_as_sealed(run)]
 
 

@@ -73,6 +73,12 @@ def _min_pet(run: Run) -> float | None:
     return near[0].pet if near else None
 
 
+def _own_ttc_text(value: float, limit: str, metrics: Metrics) -> str:
+    if metrics["fault"]["of_ego"]:
+        return "shortest own TTC 0 s by that contact"
+    return f"shortest own TTC {value:.2f} s, expected {limit} s"
+
+
 LEAST = (Row(over=least, table=Table.EGO),)
 MEASURES = family(
     "of the ego: shortest time to collision at constant speeds and headings within 3 s, with agents whose centre is "
@@ -84,7 +90,11 @@ MEASURES = family(
     ),
     "the same as in nuPlan: agents that touch the ego count until they do, and a contact that the ego answers for "
     "counts as 0. Contacts that the log has too do not count",
-    Measure("safety.min_own_ttc_s", _own_ttc, "ego: shortest own TTC", "s", HIGHER, moments=_moment_of_shortest_ttc),
+    Measure(
+        *("safety.min_own_ttc_s", _own_ttc, "ego: shortest own TTC", "s", HIGHER),
+        sentence=_own_ttc_text,
+        moments=_moment_of_shortest_ttc,
+    ),
     "share of steps with a time to collision below 0.95 s (nuPlan) and 1.5 s",
     Share("safety.ttc_below", _ttc_below, "ego: TTC below {} s", "", LOWER, keys=tuple(map(str, TTC_CRITICAL_S))),
     "of the ego behind its leader: shortest time headway; largest deceleration to avoid a crash, over the steps "

@@ -260,8 +260,9 @@ class Player {
     badge.className = `badge ${verdict === "passed" ? "good" : "bad"}`;
     $$("badges").prepend(badge);
     const missed = criteria.filter(({ passed }) => !passed);
+    const told = document.querySelector(".problem")?.textContent ?? ""; // why the run is not valid
     for (const text of missed.length ? missed.map((each) => each.reason) : [reason]) {
-      if (!text) continue;
+      if (!text || told.includes(text)) continue;
       const line = element("p", text);
       line.className = "problem";
       $$("judged").append(line);
