@@ -90,6 +90,7 @@ TRIED: dict[str, Callable[[Tried], str]] = {
     "3000 nested brackets": lambda on: on.text("name: " + "[" * 3000 + "]" * 3000),
     "a key that occurs twice": lambda on: on.text("name: mine\nego: 1\nego: 2\n"),
     "a net that is not there": lambda on: on.scenario(net="crossing"),
+    "a goal that the ego cannot reach": lambda on: on.scenario(goal=[0, 900, 0]),
     "a number that is none (NaN)": lambda on: recording_with(float("nan")),
     "rows that are exact copies": lambda on: on.table(pd.concat([traffic(), traffic().head(30)])),
     "rows that put a vehicle at two places": lambda on: on.table(
