@@ -10,10 +10,17 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.report.verdict import verdict_in
+from litsim_eval.runs.runner import Runner, record
+from litsim_predictor.models import predictor_stage
+from litsim_sim.core.parameters import ParameterOverrides
+from litsim_sim.core.topic_names import FORECASTS
 from litsim_sim.record.bag import BagReader
+from litsim_sim.record.decoding import decoded
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.recording import Recording, RecordingHeader
+from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.signals import Signals
 
@@ -53,6 +60,22 @@ def test_a_stack_on_standard_messages_stops_at_red_where_its_log_does_not(graph:
     verdict = json.loads(verdict_in(graph.folder / "run/report.html"))
     assert [each["passed"] for each in verdict["criteria"]] == [True, False]
     check_signals(graph.folder / "run", Scenario.load(path).signals)
+
+
+def test_forecasts_that_see_signals_are_the_same_over_dds_and_in_one_process(graph: Any) -> None:
+    path, bag = two_at_a_light(graph), graph.folder / "seen"
+    done = graph.launch("--scenario", path, "--ego", "idm", "--out", bag)
+    assert done.returncode == 0, done.stderr
+    run = read_run(bag)
+    plan = RunPlan(Scenario.load(path), "idm", "litsim")
+    assert compute_metrics(record(Runner(plan)))["digest"] == json.loads((bag / "metrics.json").read_text())["digest"]
+    stage = predictor_stage(ParameterOverrides("predictor", {}))("litsim", plan.scenario)
+    again = {table.step: stage.forecast(table) for table in run.tables}
+    reader = BagReader(bag)
+    published = [decoded(reader.topics[FORECASTS], message.data) for message in reader.messages({FORECASTS})]
+    assert len(published) > 20
+    for forecast in published:
+        assert np.array_equal(np.array(forecast.mean), again[forecast.step].mean.reshape(-1)), forecast.step
 
 
 def check_signals(bag: Path, wanted: Signals | None) -> None:
