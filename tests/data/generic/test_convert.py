@@ -410,6 +410,9 @@ def test_cells_that_a_file_need_not_have(tmp_path: Path) -> None:
 # Noise
 
 
+WITHOUT_YAW = {name: column for name, column in BOX["columns"].items() if name != "yaw"}
+
+
 def waiting(noise: float) -> pd.DataFrame:
     """A car that drives 20 m northwards, and waits there for 20 s, at 10 Hz."""
     t = np.arange(0.0, 24.0, 0.1)
@@ -424,7 +427,7 @@ def test_who_reverses_stays_where_it_was_or_is_told(tmp_path: Path) -> None:
     backs = pd.DataFrame({"id": 1, "n": np.arange(100), "px": -1.0 * t, "py": 0.0, "h": 0.0, "l": 4.5, "w": 1.9})
     turns = backs.assign(id=2, px=np.where(t < 5, -1.5 * t, -7.5 + (t - 5.0) ** 2), py=20.0)
     drives = backs.assign(id=3, px=8.0 * t, py=40.0)
-    columns = {"vehicle_id": "id", "frame": "n", "x": "px", "y": "py", "length": "l", "width": "w", "yaw": "h"}
+    columns = FRONT["columns"] | {"length": "l", "width": "w", "yaw": "h"}
     fields = {**FRONT, "columns": columns, "reference": "box_centre", "clean": True, "accept": ["heading"]}
     recording, counts = converted(tmp_path / "in.csv", pd.concat([backs, turns, drives]), fields)
     backed = recording.table[recording.table["vehicle_id"] == 1]
@@ -437,8 +440,7 @@ def test_who_reverses_stays_where_it_was_or_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("reference", ["box_centre", "front_centre"])
 @pytest.mark.parametrize("smooth", [True, False])
 def test_who_waits_does_not_turn_by_noise(tmp_path: Path, reference: str, smooth: bool) -> None:
-    columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}
-    fields = BOX | {"columns": columns, "reference": reference, "clean": smooth}
+    fields = BOX | {"columns": WITHOUT_YAW, "reference": reference, "clean": smooth}
     table = made(tmp_path, waiting(0.15), fields).table
     stands = table[table["frame"] > 60]
     np.testing.assert_allclose(stands["yaw"], np.pi / 2, atol=0.3)
@@ -448,15 +450,14 @@ def test_who_waits_does_not_turn_by_noise(tmp_path: Path, reference: str, smooth
 
 @pytest.mark.parametrize(("noise", "clean", "said"), [(0.0, None, ""), (0.1, False, "rough "), (0.1, None, "noisy ")])
 def test_noise_is_told(tmp_path: Path, noise: float, clean: bool | None, said: str) -> None:
-    columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}
-    recording, counts = converted(tmp_path / "in.csv", waiting(noise), BOX | {"columns": columns, "clean": clean})
+    fields = BOX | {"columns": WITHOUT_YAW, "clean": clean}
+    recording, counts = converted(tmp_path / "in.csv", waiting(noise), fields)
     assert [word for word in ("rough ", "noisy ") if word in counts.text()] == [said] * bool(said)
     assert ("noise" in recording.header.notes) == (said == "noisy ")
 
 
 def test_impossible_motion_is_refused_where_it_must_not_be_cleaned(tmp_path: Path) -> None:
-    columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}
-    fields = BOX | {"columns": columns}
+    fields = BOX | {"columns": WITHOUT_YAW}
     with pytest.raises(InputError, match=r"accelerations derived from the file reach .*: field clean of the map"):
         made(tmp_path, waiting(1.0), fields | {"clean": False})
     assert len(made(tmp_path, waiting(1.0), fields).table)

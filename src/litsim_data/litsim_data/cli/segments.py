@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from litsim_data import segments
 from litsim_data.cli.import_ import parse_crop
 from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.io.files import relative
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.recorded_net import net_named, net_of
@@ -128,14 +129,14 @@ def _stored(path: Path, folder: Path) -> str:
     data = os.environ.get(DATA_VARIABLE)
     if data and path.resolve().is_relative_to(Path(data).resolve()):
         return f"${{{DATA_VARIABLE}}}/{path.resolve().relative_to(Path(data).resolve()).as_posix()}"
-    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    return relative(path, folder)
 
 
 def _net(net: Path, out: Path) -> str:
     """Returns the name of the packaged net, or the path of the net relative to `out`."""
     if net.parent == packaged("nets"):
         return net.name.removesuffix(".net.xml")
-    return Path(os.path.relpath(net.resolve(), out.resolve())).as_posix()
+    return relative(net, out)
 
 
 def _usability(manifest: segments.Manifest, out: Path, recordings: list[Recording]) -> list[Usability]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -13,7 +12,7 @@ import yaml
 from litsim_data.mining.selection import Chosen
 from litsim_data.segments import MANIFEST_FILE, Manifest
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing, write_text
+from litsim_sim.io.files import relative, replacing, write_text
 from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets, packaged_scenarios
 
 
@@ -98,6 +97,4 @@ def write_scenario(scenario: Scenario, path: Path) -> None:
 
 
 def _seen_from(scenario: str, folder: Path) -> str:
-    if scenario in packaged_scenarios():
-        return scenario
-    return Path(os.path.relpath(Path(scenario).resolve(), folder.resolve())).as_posix()
+    return scenario if scenario in packaged_scenarios() else relative(Path(scenario), folder)

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from litsim_data.generic.kinds import likely_kind
 from litsim_data.generic.loaded_table import LoadedTable
 from litsim_data.sources import argoverse, py123d, waymo
 from litsim_data.sources.pickled import read_pickle
-from litsim_data.sources.source import Scene, SignalChange, Source
+from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.checks import CELLS_MAX, check_budget
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
@@ -77,7 +78,7 @@ def _scene(content: Mapping[str, Any], path: Path) -> Scene:
         tracks.meaning({kind: kind for kind in (*KINDS.values(), *BY_NAME)}),
         partial(waymo.lanes_of, {"roads": _roads(features, names, high=high), "tl_states": lit}, path),
         name,
-        _changes(lit, times),
+        sorted(chain(*(waymo.changes_of(lane, times[: len(states)], states) for lane, states in lit.items()))),
         ego=str(about["sdc_id"]) if str(about.get("sdc_id")) in map(str, content["tracks"]) else None,
         notes=notes,
         about=ABOUT.get(str(about.get("dataset"))),
@@ -159,14 +160,3 @@ def _shown(states: Sequence[Any]) -> list[str]:
     """Returns the name of our state at each time; "unknown" where a light is not seen."""
     plain = [str(state).lower().removeprefix("lane_state_").removeprefix("arrow_") for state in states]
     return [LIGHTS.get(state) or waymo.COLOURS.get(state, "unknown") for state in plain]
-
-
-def _changes(lit: Mapping[str, Sequence[str]], times: FloatArray) -> list[SignalChange]:
-    """Returns the changes of the lights of lanes, ascending in time."""
-    changes = [
-        (float(times[step]), lane, state)
-        for lane, states in lit.items()
-        for step, state in enumerate(states)
-        if step == 0 or state != states[step - 1]
-    ]
-    return sorted(changes)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -177,13 +179,15 @@ def _signals(states: Mapping[str, Any]) -> Sequence[SignalChange]:
     """Returns the changes of the lights of lanes; between two times at which a light is seen, it shows the first."""
     changes: list[SignalChange] = []
     for lane, shown in states.items():
-        last = None
-        for step, state in zip(shown["time_index"], shown["state"], strict=True):
-            colour = COLOURS.get(str(state).lower().removeprefix("arrow_"), "unknown")
-            if colour != last:
-                changes.append((float(step) / RATE_HZ, str(lane), colour))
-            last = colour
+        colours = [COLOURS.get(str(state).lower().removeprefix("arrow_"), "unknown") for state in shown["state"]]
+        changes += changes_of(str(lane), [step / RATE_HZ for step in shown["time_index"]], colours)
     return sorted(changes)
+
+
+def changes_of(lane: str, times: Iterable[float], states: Iterable[str]) -> list[SignalChange]:
+    """Returns what the light of a lane shows at `times` [s]: the first state, and each that differs from the last."""
+    runs = groupby(zip(times, states, strict=True), itemgetter(1))
+    return [(float(next(run)[0]), lane, state) for state, run in runs]
 
 
 # The messages of TFRecord files, by numbers of their fields

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os.path
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +15,7 @@ from litsim_eval.report.packing import Packer
 from litsim_eval.report.thumbnails import UNIT_RAD
 from litsim_eval.report.wording import leaf
 from litsim_sim.core.scene import STEP_S
+from litsim_sim.io.files import relative
 
 DIGITS = 5  # significant digits of numbers on the page
 SHOWN = 5
@@ -161,7 +161,7 @@ def _links(result: RunResult, folder: Path, beside: Path) -> dict[str, str | Non
 
 def address(path: Path, beside: Path) -> str:
     """Returns the address of a file relative to a page in the folder `beside`."""
-    return quote(Path(os.path.relpath(path.resolve(), beside.resolve())).as_posix())
+    return quote(relative(path, beside))
 
 
 def _happenings(metrics: Mapping[str, Any] | None) -> dict[str, Any]:

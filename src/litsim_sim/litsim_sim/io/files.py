@@ -71,6 +71,11 @@ def require_new_folder(out: Path) -> None:
         raise InputError(f"{out}: exists already, expected a new folder: nothing is replaced")
 
 
+def relative(path: Path, folder: Path) -> str:
+    """Returns `path` as seen from `folder`, with slashes, as files that people may move together name each other."""
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+
+
 def try_lock(file: int | IO[Any]) -> bool:
     """Locks an open file for this process until it is closed; returns False if another process has locked it."""
     try:
