@@ -160,9 +160,7 @@ class RecorderNode(Node):
         names = [*(topic.name for topic in RECORDED_TOPICS), *self._foreign]
         foreign = [*(topic.name for topic in FOREIGN), *self._foreign]
         run = BufferedRun(names, tuple(info.topics), foreign, info.total_steps)
-        self._buffer = StepBuffer(
-            run, lambda name, data, step: self._writer.write(name, data, step * STEP_NS), self._confirm
-        )
+        self._buffer = StepBuffer(run, self._write, self._confirm)
         self._of_this_run = {topic for topic in RECORDED_TOPICS if _tells_run(topic, info)}
         for topic, early in self._early.items():
             self._take(topic, early)
@@ -234,6 +232,9 @@ class RecorderNode(Node):
 
     def _confirm(self, step: int) -> None:
         self._recorded.publish(messages.status(self._run_id, STAGE, StageState.RUNNING, step))
+
+    def _write(self, name: str, data: bytes, step: int) -> None:
+        self._writer.write(name, data, step * STEP_NS)
 
     def _timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
         """Returns a timer of the wall clock, independent of simulation time."""
