@@ -126,8 +126,8 @@ def test_goals_are_held_against_replay_and_the_better_of_the_baselines(
         displacement = {"agent_steps": {"5": 100, **dict.fromkeys(("10", "15", "20", "25"))}, "agents": [agent]}
         return {
             key(k): {
-                "collision": {"rate_all": rate},
-                "collision_free": k < free * 100,
+                "collision": {"excess_rate_all": rate},
+                "reactive": k < free * 100,
                 "relevant_ratio_roi": relevant,
                 "realism_near": 0.5 + relevant,
                 "displacement": displacement,
@@ -165,16 +165,16 @@ def test_a_claim_is_counted_in_the_tables_that_can_tell() -> None:
         Row(ego, set_, method, measure, "", value)
         for ego, set_, values in (("bat", "real", (0.1, 0.2, 0.3)), ("idm", "urban", (0.2, 0.2, 0.3)))
         for method, value in zip(("litsim", "gail", "idm"), map(str, values), strict=True)
-        for measure in ("collision", *(("ade_25",) if set_ == "urban" else ("ade_15",)))
+        for measure in ("collision_beyond", *(("ade_25",) if set_ == "urban" else ("ade_15",)))
     ]
-    table += [Row("idm", "urban", "simnet", measure, "", "0.1") for measure in ("collision", "ade_25")]
-    table += [Row("bat", "paper", "IDM", "collision", "", "0.0")]
+    table += [Row("idm", "urban", "simnet", measure, "", "0.1") for measure in ("collision_beyond", "ade_25")]
+    table += [Row("bat", "paper", "IDM", "collision_beyond", "", "0.0")]
     ablation = [
         Row("bat", "real", name, "ade_15", "m", value)
         for name, value in zip(("litsim", "paper", "M0", "M1"), "1121", strict=True)
     ]
-    table += [Row(CONFLICTING_EGOS, "real", "idm", "collision", "", "0.0")]
-    table += [Row("bat", ALL_SETS, "idm", "collision", "", "0.0")]
+    table += [Row(CONFLICTING_EGOS, "real", "idm", "collision_beyond", "", "0.0")]
+    table += [Row("bat", ALL_SETS, "idm", "collision_beyond", "", "0.0")]
     told = {row.claim: (row.litsim, row.paper) for row in claim_rows(table, ablation)}
     assert told["LitSim has the lowest collision rate"] == ("1 of 2", "-")
     assert told["beyond 15 s, LitSim is nearest to the log"] == ("0 of 1", "-")

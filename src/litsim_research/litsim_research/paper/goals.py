@@ -65,15 +65,27 @@ class Goal:
 
 
 GOALS = (
-    Goal("collision rate at most half of the best, %", "collision", lambda ours, best: ours <= best / 2, replay=True),
-    Goal("reactivity at least 97 %, highest", "reactivity", lambda ours, best: ours >= max(0.97, best), replay=True),
+    Goal(
+        "collision rate at most half of the best, %",
+        "collision_beyond",
+        lambda ours, best: ours <= best / 2,
+        replay=True,
+    ),
+    Goal(
+        "reactivity at least 97 %, highest",
+        "reactivity_beyond",
+        lambda ours, best: ours >= max(0.97, best),
+        replay=True,
+    ),
     Goal(
         "relevant ratio at most a sixth of the best, %", "relevant", lambda ours, best: ours <= best / 6, replay=False
     ),
     Goal("ADE at {} s lowest, m", "ade", lambda ours, best: ours < best, replay=False),
     Goal("realism highest", "realism", lambda ours, best: ours > best, replay=True),
 )
-"""Goals for LitSim against replay and the best of the baselines, on the same cases."""
+"""Goals for LitSim against replay and the best of the baselines, on the same cases.
+
+Contacts that are also in the log count for nobody: recorded boxes overlap in some windows, whatever is done."""
 
 
 def goals(methods: Methods, ego: str, tag: str | None) -> list[GoalRow]:
