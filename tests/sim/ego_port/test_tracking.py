@@ -151,7 +151,7 @@ def test_commands_are_within_the_limits() -> None:
     ("change", "problem"),
     [
         ((), ""),
-        ((("x", slice(3, None), 25.0),), "it jumps by 26.0 m within 0.1 s up to 0.3 s, expected at most 1.4 m"),
+        ((("x", slice(3, None), 25.0),), "it jumps by 26.00 m within 0.1 s up to 0.3 s, expected at most 1.42 m"),
         ((("y", slice(None), 3.0),), "it is 3.0 m away from the ego, expected at most 2 m"),
         ((("time", slice(None), -20.0),), "its last pose is for -10.0 s, expected one after 0.0 s"),
         ((("time", slice(None), 0.1),), ""),

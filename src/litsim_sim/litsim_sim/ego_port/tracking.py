@@ -115,8 +115,8 @@ class Reference:
             return ""
         i = int(jumps[0])
         return (
-            f"it jumps by {went[i]:.1f} m within {took[i]:.2g} s up to {self._time[i + 1]:.1f} s, expected at most "
-            f"{allowed[i]:.1f} m"
+            f"it jumps by {went[i]:.2f} m within {took[i]:.2g} s up to {self._time[i + 1]:.1f} s, expected at most "
+            f"{allowed[i]:.2f} m"
         )
 
     def command(self, ego: EgoState, vehicle: VehicleModel) -> tuple[float, float]:
