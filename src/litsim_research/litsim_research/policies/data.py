@@ -221,6 +221,7 @@ def _real(window: RealWindow, folder: Path) -> Scenario:
 
 
 FILES = ("recording", "net")
+MOTION = ("vehicle_id", "frame", "x", "y", "yaw", "speed")
 SHOWN = 60  # most characters of a field's value in an error
 
 
@@ -280,11 +281,11 @@ def _described(part: str, scenario: Scenario) -> dict[str, Any]:
 
 
 def _digest(scenario: Scenario, file: Path) -> str:
-    """Returns the SHA-256 of a file; of the recording's columns where it is in memory only."""
+    """Returns the SHA-256 of a file; of the recorded motion where it is in memory only."""
     if file.is_file():
         return digest_of(file)
     columns = scenario.recording.columns
-    return hashlib.sha256(b"".join(columns[name].tobytes() for name in sorted(columns))).hexdigest()
+    return hashlib.sha256(b"".join(columns[name].tobytes() for name in MOTION)).hexdigest()
 
 
 def _other(where: Path, what: str) -> InputError:
