@@ -27,10 +27,10 @@ def times_drawn(count: int) -> FloatArray:
 
 def percentile_bounds(figures: FloatArray) -> tuple[float, float] | None:
     """Returns bounds of a figure from its values in the draws (Efron 1979) that are not nan; None if all are."""
-    known = figures[np.isfinite(figures)]
-    if not len(known):
+    finite = figures[np.isfinite(figures)]
+    if not len(finite):
         return None
-    low, high = np.quantile(known, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    low, high = np.quantile(finite, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(low), float(high)
 
 

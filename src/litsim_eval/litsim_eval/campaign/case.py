@@ -120,23 +120,23 @@ class Case:
         return cls(**{name: own[name] for name in cls.__dataclass_fields__})
 
 
-def what_differs(one: Case, other: Case, versions: Mapping[str, str], other_versions: Mapping[str, str]) -> str:
+def what_differs(own: Case, other: Case, versions: Mapping[str, str], other_versions: Mapping[str, str]) -> str:
     """Returns in one line why two cases of one name have different ids; `versions` are those of the dependencies."""
     texts = [
-        f"{name} has changed" for name in sorted(one.files.keys() & other.files) if one.files[name] != other.files[name]
+        f"{name} has changed" for name in sorted(own.files.keys() & other.files) if own.files[name] != other.files[name]
     ]
-    before, now = (case.ego.model_dump(mode="json", exclude={"folder"}) for case in (one, other))
+    before, now = (case.ego.model_dump(mode="json", exclude={"folder"}) for case in (own, other))
     texts += [
-        f"{name} of ego {one.ego.name} was {_said(before.get(name))}, is {_said(now.get(name))}"
+        f"{name} of ego {own.ego.name} was {_said(before.get(name))}, is {_said(now.get(name))}"
         for name in sorted(before.keys() | now)
         if before.get(name) != now.get(name)
     ]
-    if one.parameters != other.parameters:
+    if own.parameters != other.parameters:
         texts.append("the parameters have changed")
-    elif one.key != other.key:
+    elif own.key != other.key:
         texts.append("the scenario, its recording or its net has changed")
-    if one.execution_mode != other.execution_mode:
-        texts.append(f"it ran as {one.execution_mode}, now as {other.execution_mode}")
+    if own.execution_mode != other.execution_mode:
+        texts.append(f"it ran as {own.execution_mode}, now as {other.execution_mode}")
     texts += [
         f"{'LitSim itself has' if name == 'sources' else f'{name} {versions.get(name)}, now {version}: has'} changed"
         for name, version in other_versions.items()

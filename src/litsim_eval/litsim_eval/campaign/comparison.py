@@ -131,7 +131,7 @@ class CampaignComparison:
     @property
     def other_criteria(self) -> list[str]:
         """Names of the criteria of runs that only one of the campaigns has, or that have other fields or limits."""
-        before, after = ({run.title: run for run in one.criteria.runs} for one in (self.before, self.after))
+        before, after = ({run.title: run for run in campaign.criteria.runs} for campaign in (self.before, self.after))
         return [name for name in {**before, **after} if before.get(name) != after.get(name)]
 
     @property

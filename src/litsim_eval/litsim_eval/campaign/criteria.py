@@ -209,11 +209,11 @@ class SuiteCriterion(Limits):
         if self.aggregate is None:
             return self.judge(_counts(outcomes)[self.field])
         values = [counted(leaves(outcome.metrics or {}).get(self.field)) for outcome in outcomes]
-        known = [float(value) for value in values if value is not None and not isinstance(value, str)]
-        if len(known) < len(values) and self.when_missing == "fail":
-            reason = f"{self.field} is missing in {len(values) - len(known)} of {len(values)} runs"
+        numbers = [float(value) for value in values if value is not None and not isinstance(value, str)]
+        if len(numbers) < len(values) and self.when_missing == "fail":
+            reason = f"{self.field} is missing in {len(values) - len(numbers)} of {len(values)} runs"
             return CriterionResult(self.title, self.measure, None, self.limit, passed=False, reason=reason)
-        return self.judge(_AGGREGATES[self.aggregate](known) if known else None)
+        return self.judge(_AGGREGATES[self.aggregate](numbers) if numbers else None)
 
 
 class Outcome(NamedTuple):

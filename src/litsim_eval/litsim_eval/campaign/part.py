@@ -61,9 +61,9 @@ class Part:
         if self.names:
             part = [case for case in part if any(_is_called(case, name) for name in self.names)]
         if self.tags:
-            known = sorted({tag for case in part for tag in case.tags})
+            tags = sorted({tag for case in part for tag in case.tags})
             part = [case for case in part if set(self.tags) & set(case.tags)]
-            _check(part, f"--tag {' '.join(self.tags)}", f"some of {', '.join(known) or 'no tags'}")
+            _check(part, f"--tag {' '.join(self.tags)}", f"some of {', '.join(tags) or 'no tags'}")
         if self.events:
             kinds = sorted({str(event["kind"]) for case in part for event in case.events})
             part = [case for case in part if any(event["kind"] in self.events for event in case.events)]
@@ -77,8 +77,8 @@ class Part:
 
     def _hardest(self, cases: list[Case], count: int, field: str) -> list[Case]:
         values = {case.id: _value(case, field, self.measured_in) for case in cases}
-        known = [case for case in cases if values[case.id] is not None]
-        if not known:
+        measured = [case for case in cases if values[case.id] is not None]
+        if not measured:
             if self.measured_in is not None:
                 find_field(field)
             fields = sorted({str(name) for case in cases for event in case.events for name in event} - {"kind"})
@@ -86,7 +86,7 @@ class Part:
                 f"--hardest {count} {field}: no case has this field, expected one of its events "
                 f"({', '.join(fields) or 'none'}), or of metrics.json with a campaign as --suite or --failed-in"
             )
-        return sorted(known, key=lambda case: values[case.id] or 0.0, reverse=not _is_small_hard(field))[:count]
+        return sorted(measured, key=lambda case: values[case.id] or 0.0, reverse=not _is_small_hard(field))[:count]
 
 
 def suite_of_cases(suite: Suite, cases: Sequence[Case]) -> Suite:

@@ -349,9 +349,9 @@ def _files(scenario: str, suite: Path) -> list[str]:
     Raises:
         InputError: it is a pattern, and there is none.
     """
-    one = located(scenario, suite.parent)
-    if not has_magic(scenario) or Path(one).exists():
-        return [one]
+    place = located(scenario, suite.parent)
+    if not has_magic(scenario) or Path(place).exists():
+        return [place]
     names = sorted(glob(scenario, root_dir=suite.parent, recursive=True))  # noqa: PTH207 - takes absolute ones, too
     if not names:
         raise InputError(f"{suite}: field cases: scenario {scenario}: no file has such a name")

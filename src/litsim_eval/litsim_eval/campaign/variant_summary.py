@@ -65,8 +65,8 @@ def _figures(results: Sequence[RunResult]) -> Iterator[tuple[str, FloatArray, Fl
     measured = np.array([result.metrics is not None for result in results])
 
     def values(figure: Figure) -> FloatArray:
-        known = (None if result.metrics is None else figure(result.metrics) for result in results)
-        return np.array([np.nan if value is None else value for value in known])
+        found = (None if result.metrics is None else figure(result.metrics) for result in results)
+        return np.array([np.nan if value is None else value for value in found])
 
     for name, verdict in VERDICTS.items():
         yield name, np.array([float(result.verdict == verdict) for result in results]), None

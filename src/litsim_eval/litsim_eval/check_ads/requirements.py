@@ -294,8 +294,8 @@ def _offset(heard: Heard, evidence: Evidence) -> float | None:
         return None
     if not len(target.time) or target.time[0] > ego.time + 0.5 * STEP_S:
         return None
-    at = [float(np.interp(ego.time, target.time, values)) for values in (target.x, target.y)]
-    return float(np.hypot(at[0] - ego.x, at[1] - ego.y))
+    place = [float(np.interp(ego.time, target.time, values)) for values in (target.x, target.y)]
+    return float(np.hypot(place[0] - ego.x, place[1] - ego.y))
 
 
 def _stray(answer: Answer, evidence: Evidence) -> float | None:

@@ -95,9 +95,9 @@ def play(arguments: argparse.Namespace) -> bool:
 def main(argv: list[str] | None = None) -> int:
     """Runs ``ros2 run litsim_eval rerun``."""
     given = sys.argv[1:] if argv is None else argv
-    at = given.index("--") if "--" in given else len(given)
-    arguments = parser().parse_args(given[:at])
-    arguments.command = given[at + 1 :]
+    end = given.index("--") if "--" in given else len(given)
+    arguments = parser().parse_args(given[:end])
+    arguments.command = given[end + 1 :]
     if not arguments.to_stack and (arguments.command or arguments.out is not None or arguments.overwrite):
         raise InputError("--out, --overwrite and a command after --: expected only with --to-stack")
     return 0 if (play if arguments.to_stack else rerun)(arguments) else EXIT_FAILED

@@ -220,10 +220,10 @@ def _cases(arguments: argparse.Namespace, base: Suite | None) -> list[CaseEntry]
 
 def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]:
     """Returns the ego drivers; the command of the arguments becomes that of the external one."""
-    known = {setup.name: setup for setup in (base.egos if base else [])}
-    names: Sequence[str] = arguments.ego or (tuple(known) if base else DEFAULTS["ego"])
-    _check_names("--ego", names, {*known, *_usual_egos()})
-    setups = [known.get(name) or EgoSetup(name=name, kind=name) for name in names]
+    of_base = {setup.name: setup for setup in (base.egos if base else [])}
+    names: Sequence[str] = arguments.ego or (tuple(of_base) if base else DEFAULTS["ego"])
+    _check_names("--ego", names, {*of_base, *_usual_egos()})
+    setups = [of_base.get(name) or EgoSetup(name=name, kind=name) for name in names]
     external = [setup for setup in setups if setup.kind == EXTERNAL]
     if arguments.command:
         if len(external) != 1:
@@ -244,15 +244,15 @@ def _usual_egos() -> tuple[str, ...]:
 
 def _policies(names: Sequence[str], base: Suite | None) -> list[str | PolicySetup]:
     """Returns the policies of these names, as the suite has them where it has them."""
-    known = {setup_of(policy).name: policy for policy in (base.policies if base else [])}
-    _check_names("--policy", names, {*known, *policy_choices()})
-    return [known.get(name, name) for name in names]
+    of_base = {setup_of(policy).name: policy for policy in (base.policies if base else [])}
+    _check_names("--policy", names, {*of_base, *policy_choices()})
+    return [of_base.get(name, name) for name in names]
 
 
-def _check_names(option: str, names: Sequence[str], known: Collection[str]) -> None:
+def _check_names(option: str, names: Sequence[str], allowed: Collection[str]) -> None:
     """Checks that an option was given `known` names only; raises InputError if it was given others."""
-    if unknown := [name for name in names if name not in known]:
-        raise InputError(f"{option} {not_among(unknown, known)}")
+    if unknown := [name for name in names if name not in allowed]:
+        raise InputError(f"{option} {not_among(unknown, allowed)}")
 
 
 class _EgoIds(argparse.Action):

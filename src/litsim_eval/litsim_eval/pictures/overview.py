@@ -95,8 +95,8 @@ def _intersection(
     signals = run.signals
     passed = [passage for passage in run.once(run_passages) or [] if passage.agent == run.info.ego_id]
     names = [passage.group for passage in passed]
-    known = [] if signals is None else groups_in(signals, area, names)
-    groups = known[: max(GROUPS_MAX, len(set(names)))]
+    every = [] if signals is None else groups_in(signals, area, names)
+    groups = every[: max(GROUPS_MAX, len(set(names)))]
     rows = (3.0, 0.55 + 0.16 * len(groups)) if groups else (3.0, 0.01)
     left, right = figure.subfigures(1, 2, width_ratios=(2.0, 1.0))
     grid = left.add_gridspec(2, 1, height_ratios=rows)
@@ -107,7 +107,7 @@ def _intersection(
         for passage in passed:
             row = groups.index(signals.groups.index(passage.group))
             axes.plot(passage.step * run.info.dt, row, "D", color=COLOURS[Controller.EGO], mec="white", ms=9, zorder=5)
-        title = f"{len(groups)} of {len(known)} signals" if len(groups) < len(known) else "Signals"
+        title = f"{len(groups)} of {len(every)} signals" if len(groups) < len(every) else "Signals"
         title += "; the diamond is the ego at the stop line" if passed else ""
         axes.axvline(moment.step * run.info.dt, color=INK, lw=0.9, ls=":")
         _finish(axes, title)
@@ -247,8 +247,8 @@ def _route(run: Run, lane_map: LaneMap | None) -> shapely.LineString:
     row = max(0, table.row(run.info.ego_id))
     x, y, yaw = (values[row : row + 1] for values in (table.x, table.y, table.yaw))
     if lane_map is not None:
-        at = lane_map.nearest(x, y, yaw)
-        return shapely.LineString(lane_map.path_from(int(at.lane[0]), 0.0, ROUTE_MAX))
+        place = lane_map.nearest(x, y, yaw)
+        return shapely.LineString(lane_map.path_from(int(place.lane[0]), 0.0, ROUTE_MAX))
     end = (x[0] + ROUTE_MAX * np.cos(yaw[0]), y[0] + ROUTE_MAX * np.sin(yaw[0]))
     return shapely.LineString([(x[0], y[0]), end])
 
@@ -291,7 +291,7 @@ def _off_log(axes: Axes, run: Run, step: int) -> None:
     times = run.steps.step * run.info.dt
     counts = np.array([int(table.of_policy.sum()) for table in run.tables])
     axes.stackplot(times, counts, colors=[COLOURS[Controller.POLICY]], alpha=0.85, step="post")
-    excess = [at * run.info.dt for at in run.once(collisions).excess.values()]
+    excess = [first * run.info.dt for first in run.once(collisions).excess.values()]
     if excess:
         axes.plot(excess, np.zeros(len(excess)), "v", color=COLOURS[Controller.EGO], ms=8, clip_on=False)
         handle = line_handle(COLOURS[Controller.EGO], "collision not in the log", marker="v", ls="")

@@ -86,12 +86,12 @@ def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
         start, and its values in the order of the runs, None where a run has none. Those shown come first.
     """
     runs = [_numbers(result) for result in campaign.results]
-    known = dict.fromkeys(path for run in runs for path in run)
+    measured = dict.fromkeys(path for run in runs for path in run)
     judged = dict.fromkeys(criterion.field for criterion in campaign.criteria.runs)
     in_tables = (shown.name for table in FIRST for shown in measures() if any(row.table == table for row in shown.rows))
     first = dict.fromkeys((*judged, *in_tables))
     main = [path for path in first if len({run.get(path) for run in runs} - {None}) > 1][:SHOWN]
-    titled = [path for path, measure in measures_by_field().items() if measure.title and path in known]
+    titled = [path for path, measure in measures_by_field().items() if measure.title and path in measured]
     return [
         {
             "path": path,
@@ -105,7 +105,7 @@ def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
             "main": path in main,
             "values": [run.get(path) for run in runs],
         }
-        for path in dict.fromkeys((*main, *titled, *sorted(known)))
+        for path in dict.fromkeys((*main, *titled, *sorted(measured)))
     ]
 
 

@@ -92,8 +92,8 @@ def _back(entry: dict[str, Any], dt: float) -> str:
         return "left the net"
     if outcome == Outcome.OUTLIVED_LOG:
         return "no log left"
-    at = NOTHING if step is None else f"{step * dt:.1f} s"
-    return f"{at}, its log was over" if outcome == Outcome.LOG_OVER else at
+    when = NOTHING if step is None else f"{step * dt:.1f} s"
+    return f"{when}, its log was over" if outcome == Outcome.LOG_OVER else when
 
 
 def _verdict(contact: dict[str, Any], fault: dict[str, Any]) -> str:

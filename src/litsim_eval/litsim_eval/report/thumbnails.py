@@ -141,10 +141,10 @@ def _road(run: Run, pose: tuple[float, float, float], window: shapely.Polygon) -
 
 def _boxes(tracks: Tracks, frame: int, pose: tuple[float, float, float], window: shapely.Polygon) -> list[list[int]]:
     here = np.flatnonzero(tracks.present[:, frame])
-    at = _in_view(np.column_stack([tracks.x[here, frame], tracks.y[here, frame]]), pose)
-    inside = shapely.contains_xy(window, at[:, 0], at[:, 1])
+    places = _in_view(np.column_stack([tracks.x[here, frame], tracks.y[here, frame]]), pose)
+    inside = shapely.contains_xy(window, places[:, 0], places[:, 1])
     boxes = []
-    for row, (x, y) in zip(here[inside], at[inside], strict=True):
+    for row, (x, y) in zip(here[inside], places[inside], strict=True):
         yaw = (tracks.yaw[row, frame] - pose[2] + np.pi) % (2.0 * np.pi) - np.pi
         metres = (round(float(v) / UNIT_M) for v in (tracks.length[row], tracks.width[row]))
         turned = round(float(yaw) / UNIT_RAD)

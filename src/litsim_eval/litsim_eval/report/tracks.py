@@ -56,8 +56,8 @@ class Tracks:
 
     def row(self, agent: int) -> int:
         """Returns the row of `agent`; -1 without it."""
-        at = int(np.searchsorted(self.id, agent))
-        return at if at < len(self.id) and self.id[at] == agent else -1
+        place = int(np.searchsorted(self.id, agent))
+        return place if place < len(self.id) and self.id[place] == agent else -1
 
 
 def tracks_of(run: Run) -> Tracks:
@@ -85,9 +85,9 @@ def collect(tables: Sequence[AgentTable], first: int, last: int) -> Tracks:
     table, n, frames = steps.stacked, len(steps.ids), last - first + 1
     usable = np.logical_and.reduce([np.isfinite(getattr(table, name)) for name in (*MOTION, "length", "width")])
     agent, frame = steps.agent[usable], (steps.step - first)[table.number[usable]]
-    known = np.isin(table.controller, [c.value for c in Controller])
+    named = np.isin(table.controller, [c.value for c in Controller])
     mode = np.full((n, frames), Mode.ABSENT, np.uint8)
-    mode[agent, frame] = np.where(known, table.controller, Mode.LOG)[usable]
+    mode[agent, frame] = np.where(named, table.controller, Mode.LOG)[usable]
     kind, length, width = np.zeros(n, np.uint8), np.zeros(n), np.zeros(n)
     for of_agent, name in ((kind, "kind"), (length, "length"), (width, "width")):
         of_agent[agent] = getattr(table, name)[usable]  # the last step decides

@@ -128,10 +128,10 @@ def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, pla
         gaps = np.abs(a[apart].astype(np.float64) - b[apart].astype(np.float64))
         chosen.append(int(apart[int(np.argmax(np.nan_to_num(gaps)))]))
     differing = []
-    for at in dict.fromkeys(chosen):
-        agent = int(ids[at // width]) if ids is not None and width else None
-        label = f"{name}[{at % width}]" if width > 1 else name if width else f"{name}[{at}]"
-        differing.append(place.at(label, a[at], b[at], agent))
+    for index in dict.fromkeys(chosen):
+        agent = int(ids[index // width]) if ids is not None and width else None
+        label = f"{name}[{index % width}]" if width > 1 else name if width else f"{name}[{index}]"
+        differing.append(place.at(label, a[index], b[index], agent))
     return differing
 
 

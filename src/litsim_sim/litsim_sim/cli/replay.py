@@ -50,5 +50,5 @@ def main(argv: list[str] | None = None) -> None:
 
 def split_arguments(argv: list[str]) -> tuple[list[str], list[str]]:
     """Split the command line into own arguments and those of ROS."""
-    at = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
-    return argv[:at], argv[at:]
+    end = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
+    return argv[:end], argv[end:]

@@ -39,8 +39,8 @@ def parser() -> Parser:
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_sim serve``."""
     words = sys.argv[1:] if argv is None else argv
-    at = words.index("--") if "--" in words else len(words)
-    arguments, options = parser().parse_known_args(words[:at])
+    end = words.index("--") if "--" in words else len(words)
+    arguments, options = parser().parse_known_args(words[:end])
     launch.parser().parse_args(options)  # so that bad ones are refused now
     if is_secured(os.environ):
         raise InputError("serve: the policies of DDS Security do not have its services")
@@ -52,4 +52,4 @@ def main(argv: list[str] | None = None) -> None:
     from litsim_sim.nodes.simulation_server import serve_simulations  # ROS takes a moment to load
 
     sys.argv[1:] = []  # read by rclpy's initialisation
-    serve_simulations(options, words[at + 1 :], arguments.out, arguments.worlds)
+    serve_simulations(options, words[end + 1 :], arguments.out, arguments.worlds)

@@ -32,8 +32,8 @@ def check_columns(columns: Mapping[str, np.ndarray]) -> None:
         if len(values) != len(ids):
             raise ValueError(f"{name} has {len(values)} values, expected {len(ids)}, as many as id")
     if len(ids) and (ids[1:] <= ids[:-1]).any():
-        at = int((ids[1:] <= ids[:-1]).argmax())
-        raise ValueError(f"id {ids[at + 1]} follows {ids[at]}, expected ids that ascend")
+        place = int((ids[1:] <= ids[:-1]).argmax())
+        raise ValueError(f"id {ids[place + 1]} follows {ids[place]}, expected ids that ascend")
     for name, values in columns.items():
         if values.dtype.kind == "f" and not np.isfinite(values).all():
             row = int((~np.isfinite(values)).reshape(len(ids), -1).any(axis=1).argmax())

@@ -80,6 +80,6 @@ def reason(error: BaseException) -> str:
         return INTERRUPTED
     if isinstance(error, InputError):
         return text
-    at = traceback.extract_tb(error.__traceback__)[-1:]
-    where = "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in at)
+    innermost = traceback.extract_tb(error.__traceback__)[-1:]
+    where = "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in innermost)
     return f"{type(error).__name__}: {text}{where}"

@@ -78,12 +78,12 @@ def problems(error: ValidationError, config: type, values: Mapping[str, Any]) ->
     return list(dict.fromkeys(texts))
 
 
-def not_among(names: Iterable[str], known: Iterable[str]) -> str:
+def not_among(names: Iterable[str], expected: Iterable[str]) -> str:
     """Returns a text that lists unknown `names`, similar `known` ones, and all `known` ones."""
-    known = sorted(known)
-    near = {name: ", ".join(get_close_matches(name, known)) for name in names}
+    expected = sorted(expected)
+    near = {name: ", ".join(get_close_matches(name, expected)) for name in names}
     texts = [f"{name} (near: {similar})" if similar else name for name, similar in near.items()]
-    return f"{', '.join(texts)}; expected {', '.join(known) or 'none'}"
+    return f"{', '.join(texts)}; expected {', '.join(expected) or 'none'}"
 
 
 def by_stage(settings: Iterable[tuple[str, str, Any]]) -> dict[str, dict[str, Any]]:

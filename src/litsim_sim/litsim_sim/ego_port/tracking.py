@@ -72,24 +72,24 @@ class Reference:
         time, places = trajectory.time, trajectory.x + 1j * trajectory.y
         self._empty = not len(time)
         self._first = ego.time if self._empty else float(time[0])
-        later, known = self._empty or time[0] > ego.time + 0.5 * STEP_S, 0
+        later, begun = self._empty or time[0] > ego.time + 0.5 * STEP_S, 0
         if later:
             begin = complex(ego.x, ego.y)
             if len(time) > 1 and time[0] < ego.time + 1.5 * STEP_S:
-                begin, known = _before(time, places, ego.time), 1
+                begin, begun = _before(time, places, ego.time), 1
             time, places = np.append(ego.time, time), np.append(begin, places)
         self._time, self._x, self._y = time, places.real, places.imag
-        took, way = np.diff(time)[known:], np.diff(places)[known:]
-        middle = time[known:-1] + 0.5 * took
+        took, way = np.diff(time)[begun:], np.diff(places)[begun:]
+        middle = time[begun:-1] + 0.5 * took
         speed = np.abs(way) / took
         moving = speed > CRAWL
-        heading, at = np.angle(way)[moving], middle[moving]
-        if not len(at):
-            heading, at = np.array([ego.yaw]), np.array([ego.time])
+        heading, times = np.angle(way)[moving], middle[moving]
+        if not len(times):
+            heading, times = np.array([ego.yaw]), np.array([ego.time])
         if not len(middle) or ego.time < middle[0]:
             speed, middle = np.append(ego.speed, speed), np.append(ego.time, middle)
         self._speed, self._middle = speed, middle
-        self._heading, self._heading_time = np.unwrap(heading), at
+        self._heading, self._heading_time = np.unwrap(heading), times
 
     def problem(self, ego: EgoState, vehicle: VehicleModel) -> str:
         """Returns a text that says why the vehicle cannot follow the trajectory; empty if it can."""

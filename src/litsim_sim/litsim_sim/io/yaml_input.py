@@ -84,8 +84,8 @@ def validate_yaml(values: dict[str, Any], model: type[_Model], where: str, text:
         described = "; ".join(_described(problems[:SHOWN], text))
         more = f"; and {len(problems) - SHOWN} more" if len(problems) > SHOWN else ""
         misnamed = any(problem["type"] in MISNAMED and len(problem["loc"]) == 1 for problem in problems)
-        known = f"; known fields: {', '.join(model.model_fields)}" if misnamed else ""
-        raise InputError(f"{where}: {described}{more}{known}") from error
+        hint = f"; known fields: {', '.join(model.model_fields)}" if misnamed else ""
+        raise InputError(f"{where}: {described}{more}{hint}") from error
 
 
 def place_in(path: Path, *place: int | str) -> str:

@@ -22,13 +22,13 @@ def conflicting_pairs(links: Sequence[SignalLink]) -> list[tuple[int, int]]:
     return sorted({(min(pair), max(pair)) for pair in both})
 
 
-def may_give_way(one: SignalLink, other: SignalLink) -> bool:
+def may_give_way(own: SignalLink, other: SignalLink) -> bool:
     """Returns whether one of two connections that conflict usually gives way when both have a plain green light.
 
     That is so where one turns and both come from the same or from opposite directions, as left turns do before oncoming
     traffic.
     """
-    return bool((one.turns or other.turns) and abs(np.sin(one.heading - other.heading)) <= CROSSING)
+    return bool((own.turns or other.turns) and abs(np.sin(own.heading - other.heading)) <= CROSSING)
 
 
 def and_more(number: int) -> str:
@@ -49,7 +49,7 @@ def program_conflicts(net: Path) -> tuple[str, ...]:
         raise unreadable_net(net, error) from error
     return tuple(
         sentence
-        for junction, light in dict.fromkeys((one.junction, one.light) for one, _ in pairs)
+        for junction, light in dict.fromkeys((link.junction, link.light) for link, _ in pairs)
         for name, program in programs.get(light, {}).items()
         for sentence in _phases(
             f"junction {junction}: program {name} of light {light}",
@@ -66,9 +66,9 @@ def _phases(what: str, phases: Sequence[Any], pairs: Sequence[tuple[SignalLink, 
         begin, end = end, end + phase.duration
         both = [(a, b) for a, b in pairs if _is_green(phase.state, a) and _is_green(phase.state, b)]
         if both:
-            one, other = both[0]
+            own, other = both[0]
             yield (
-                f"{what} has G for {one.name} and {other.name}{and_more(len(both) - 1)}, which conflict, in phase "
+                f"{what} has G for {own.name} and {other.name}{and_more(len(both) - 1)}, which conflict, in phase "
                 f"{number}, {begin:g} to {end:g} s into the cycle; expected g for those that give way"
             )
 

@@ -37,14 +37,14 @@ def crossing_points(a: shapely.LineString, b: shapely.LineString) -> list[shapel
     return [part for part in shapely.get_parts(shapely.intersection(a, b)).tolist() if part.geom_type == "Point"]
 
 
-def _angle(a: shapely.LineString, b: shapely.LineString, at: shapely.Point) -> float:
+def _angle(a: shapely.LineString, b: shapely.LineString, point: shapely.Point) -> float:
     """Returns the angle [rad] between two lines at a point, up to a right angle."""
-    return float(np.arccos(np.clip(abs(_direction(a, at) @ _direction(b, at)), 0.0, 1.0)))
+    return float(np.arccos(np.clip(abs(_direction(a, point) @ _direction(b, point)), 0.0, 1.0)))
 
 
-def _direction(line: shapely.LineString, at: shapely.Point) -> FloatArray:
+def _direction(line: shapely.LineString, point: shapely.Point) -> FloatArray:
     """Returns the unit vector (2,) along a line, over 1 m about a point on it."""
-    s = line.project(at)
+    s = line.project(point)
     ends = shapely.get_coordinates(line.interpolate([max(0.0, s - 0.5), min(line.length, s + 0.5)]))
     along = ends[1] - ends[0]
     return np.asarray(along / max(float(np.hypot(*along)), 1e-9))

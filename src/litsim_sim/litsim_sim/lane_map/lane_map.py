@@ -151,7 +151,7 @@ class LaneMap:
 
     def headings_around(self, lane: IntArray, s: FloatArray, reach: float) -> FloatArray:
         """Returns headings (n, 2) [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of lanes `lane` (n,)."""
-        return np.column_stack([self.pose_at(lane, at)[2] for at in (s - reach, s + reach)])
+        return np.column_stack([self.pose_at(lane, place)[2] for place in (s - reach, s + reach)])
 
     def poses_along(self, lane: IntArray, s: FloatArray, steps: int, step: float = 1.0) -> FloatArray:
         """Returns poses (n, steps, 3) x, y [m], yaw [rad] on centre lines, from arc lengths `s` of lanes `lane` on.
@@ -169,23 +169,23 @@ class LaneMap:
         straightest (of equally straight ones the first by id). Where the net ends, the path goes straight on, so that a
         vehicle that follows it leaves the net.
         """
-        lane, left, at = lane_index, length, min(max(s, 0.0), self.lanes[lane_index].length)
-        points = [np.stack(self.pose_at(lane, at)[:2], axis=-1)[None]]
+        lane, left, place = lane_index, length, min(max(s, 0.0), self.lanes[lane_index].length)
+        points = [np.stack(self.pose_at(lane, place)[:2], axis=-1)[None]]
         while True:
             here = self.lanes[lane]
-            ahead = here.length - at
+            ahead = here.length - place
             if ahead >= left:
-                inner = (here.s > at) & (here.s < at + left)
-                end = np.stack(self.pose_at(lane, at + left)[:2], axis=-1)[None]
+                inner = (here.s > place) & (here.s < place + left)
+                end = np.stack(self.pose_at(lane, place + left)[:2], axis=-1)[None]
                 points += [here.centerline[inner], end]
                 break
-            points.append(here.centerline[here.s > at])
+            points.append(here.centerline[here.s > place])
             left -= ahead
             following = self._following(lane, route)
             if following is None:
                 points.append(np.stack(self.pose_at(lane, here.length + left)[:2], axis=-1)[None])
                 break
-            lane, at = following, 0.0
+            lane, place = following, 0.0
         path = np.concatenate(points)
         # Lanes meet within the rounding of the net: doubled points would have no direction.
         keep = np.concatenate([[True], np.hypot(*np.diff(path, axis=0).T) > TOLERANCE])
@@ -238,10 +238,10 @@ class LaneMap:
 
         The lane is that of the box centre, together with the lanes that precede and follow it directly.
         """
-        at = self.nearest(x, y, yaw)
+        place = self.nearest(x, y, yaw)
         corners = box_corners(x, y, yaw, length, width)
         corner_x, corner_y = corners[..., 0].ravel(), corners[..., 1].ravel()
-        same = self._near[np.repeat(at.lane, 4)[:, None], self._lane]
+        same = self._near[np.repeat(place.lane, 4)[:, None], self._lane]
         away = distance(corner_x[:, None], corner_y[:, None], self._segments, np.arange(len(self._reach)))
         inside = ((away <= self._reach) & same).any(axis=1)
         return cast(BoolArray, inside.reshape(-1, 4).all(axis=1))

@@ -57,18 +57,18 @@ def points_along(lane_map: LaneMap, way: Sequence[int], s: float, keep: float) -
     """
     points = []
     for first, last in _edges_of(lane_map, way):
-        one, other = lane_map.lanes[first], lane_map.lanes[last]
-        length = one.length - s
+        here, other = lane_map.lanes[first], lane_map.lanes[last]
+        length = here.length - s
         if first == last:
             start = np.stack(lane_map.pose_at(first, s)[:2], axis=-1)[None]
-            points += [start, one.centerline[one.s > s]]
+            points += [start, here.centerline[here.s > s]]
         else:
-            change = min(CHANGE_M * (abs(one.index - other.index) or 1), length)
+            change = min(CHANGE_M * (abs(here.index - other.index) or 1), length)
             along = np.linspace(0.0, length, max(2, int(length / SPACING) + 1))
             share = np.clip((along - np.clip(keep, 0.0, length - change)) / max(change, SPACING), 0.0, 1.0)
             share = (share**2 * (3.0 - 2.0 * share))[:, None]
             from_, to = (
-                np.stack(lane_map.pose_at(row, (s + along) * lane_map.lanes[row].length / one.length)[:2], axis=-1)
+                np.stack(lane_map.pose_at(row, (s + along) * lane_map.lanes[row].length / here.length)[:2], axis=-1)
                 for row in (first, last)
             )
             points.append((1.0 - share) * from_ + share * to)

@@ -45,8 +45,8 @@ class NetEnds:
             line = shapely.LineString(lane.centerline)
             ends_here = lane.id in self._names and line.project(point) > lane.length - BEYOND_MAX
             if not ends_here and line.distance(point) <= GOES_ON:
-                at = min(int(np.searchsorted(lane.s, line.project(point), side="right")), len(lane.s) - 1)
-                dx, dy = lane.centerline[at] - lane.centerline[at - 1]
+                vertex = min(int(np.searchsorted(lane.s, line.project(point), side="right")), len(lane.s) - 1)
+                dx, dy = lane.centerline[vertex] - lane.centerline[vertex - 1]
                 if abs(wrap_angle(np.arctan2(dy, dx) - heading)) <= SAME_DIRECTION:
                     return True
         return False

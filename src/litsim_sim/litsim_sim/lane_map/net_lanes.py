@@ -125,9 +125,9 @@ def read_net(path: Path) -> tuple[Any, list[Lane]]:
     if not lanes:
         raise InputError(f"{path}: the net holds no lanes for cars; its root element is <{_root(path).tag}>")
     _check_extent(lanes, path)
-    known = {lane.id for lane in lanes}
+    ids = {lane.id for lane in lanes}
     for lane in lanes:
-        if lost := [name for name in lane.successors if name not in known]:
+        if lost := [name for name in lane.successors if name not in ids]:
             raise InputError(f"{path}: lane {lane.id} leads to unknown lanes {lost}")
     return net, lanes
 

@@ -59,7 +59,7 @@ class SignalLink:
     foes: tuple[str, ...] = ()
 
     @classmethod
-    def between(cls, begin: Lane, end: Lane, **known: Any) -> SignalLink:
+    def between(cls, begin: Lane, end: Lane, **more: Any) -> SignalLink:
         """Returns the connection of two lanes, with what is `known` of it beside their places."""
         return cls(
             name=f"{begin.id}{ARROW}{end.id}",
@@ -70,7 +70,7 @@ class SignalLink:
             width=begin.width,
             exit=end.centerline[0],
             exit_heading=end.headings[0],
-            **known,
+            **more,
         )
 
 
@@ -112,14 +112,14 @@ def relation_id(name: str) -> int:
     return int.from_bytes(sha256(name.encode()).digest()[:6], "big")
 
 
-def _are_foes(one: Any, other: Any) -> bool:
+def _are_foes(own: Any, other: Any) -> bool:
     """Returns whether their junction marks two connections of different edges as foes."""
-    junction = one.getFrom().getToNode()
+    junction = own.getFrom().getToNode()
     try:
-        foes = bool(junction.areFoes(junction.getLinkIndex(one), junction.getLinkIndex(other)))
+        foes = bool(junction.areFoes(junction.getLinkIndex(own), junction.getLinkIndex(other)))
     except (KeyError, IndexError):
         return False
-    return foes and one.getFrom() is not other.getFrom()
+    return foes and own.getFrom() is not other.getFrom()
 
 
 def _name(connection: Any) -> str:

@@ -155,8 +155,8 @@ def is_known_empty(domain_id: int, environment: Mapping[str, str], tables: Seque
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
         own.bind(("127.0.0.1", 0))
         in_use = _ports_in_use(tables)
-        known = own.getsockname()[1]
-    return known in in_use and (in_use - {known}).isdisjoint(_ports(domain_id))
+        port = own.getsockname()[1]
+    return port in in_use and (in_use - {port}).isdisjoint(_ports(domain_id))
 
 
 def _ports(domain_id: int) -> range:

@@ -56,13 +56,13 @@ def least_values(store: Typestore, type_name: str) -> int:
     Raises:
         ValueError: messages are within each other more deeply than LEVELS_MAX.
     """
-    known: dict[str, int] = {}
+    counted: dict[str, int] = {}
 
     def of_type(name: str, level: int) -> int:
-        if name not in known:
+        if name not in counted:
             check_budget(f"levels of messages in {type_name}", level, LEVELS_MAX)
-            known[name] = sum(of_field(description, level) for _, description in store.fielddefs[name][1])
-        return known[name]
+            counted[name] = sum(of_field(description, level) for _, description in store.fielddefs[name][1])
+        return counted[name]
 
     def of_field(description: Any, level: int) -> int:
         kind, inner = description

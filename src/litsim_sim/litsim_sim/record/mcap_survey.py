@@ -91,16 +91,16 @@ def survey(path: Path) -> Survey:
 
 def places(content: mmap.mmap | bytes) -> Iterator[Place]:
     """Yields the records of a file in order, up to its footer or the last complete record."""
-    at, size = len(MAGIC), len(content)
-    while at + _HEAD.size <= size:
-        opcode, length = _HEAD.unpack_from(content, at)
-        inside = at + _HEAD.size
+    begin, size = len(MAGIC), len(content)
+    while begin + _HEAD.size <= size:
+        opcode, length = _HEAD.unpack_from(content, begin)
+        inside = begin + _HEAD.size
         if not opcode or length > size - inside:
             return
-        yield Place(opcode, at, inside, inside + length)
+        yield Place(opcode, begin, inside, inside + length)
         if opcode == Opcode.FOOTER:
             return
-        at = inside + length
+        begin = inside + length
 
 
 def parse(place: Place, content: bytes) -> McapRecord | None:
@@ -125,9 +125,9 @@ def records_of(chunk: Chunk, path: Path) -> list[McapRecord]:
     return breakup_chunk(chunk, validate_crc=True)
 
 
-def damage_at(path: Path, at: int, what: str) -> InputError:
+def damage_at(path: Path, byte: int, what: str) -> InputError:
     """Returns an error about the place at which `path` is damaged."""
-    return InputError(f"{path}: damaged at byte {at}: {what}")
+    return InputError(f"{path}: damaged at byte {byte}: {what}")
 
 
 def attachment_is_whole(content: bytes) -> bool:
@@ -210,6 +210,6 @@ def _check_counts(path: Path, content: mmap.mmap, data: list[Place], summary: tu
 def _crc(content: mmap.mmap, begin: int, end: int) -> int:
     """CRC-32 of the bytes from `begin` up to `end`, read in blocks."""
     crc = 0
-    for at in range(begin, end, _BLOCK):
-        crc = zlib.crc32(content[at : min(at + _BLOCK, end)], crc)
+    for start in range(begin, end, _BLOCK):
+        crc = zlib.crc32(content[start : min(start + _BLOCK, end)], crc)
     return crc

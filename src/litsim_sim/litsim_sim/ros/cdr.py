@@ -35,16 +35,16 @@ def stamp_ns(data: bytes) -> int:
 
 def run_id_of(data: bytes) -> str:
     """Returns the run of serialised data that begin with a ``std_msgs/Header`` and a ``run_id``."""
-    _, at = _text(data, _HEADER + 8)
-    run_id, _ = _text(data, at + (_HEADER - at) % 4)
+    _, offset = _text(data, _HEADER + 8)
+    run_id, _ = _text(data, offset + (_HEADER - offset) % 4)
     return run_id
 
 
-def _text(data: bytes, at: int) -> tuple[str, int]:
+def _text(data: bytes, offset: int) -> tuple[str, int]:
     """Returns the string that begins at an offset, and the offset of its end."""
-    (length,) = struct.unpack_from("<I", data, at)
-    (text,) = struct.unpack_from(f"<{length}s", data, at + 4)
-    return text.rstrip(b"\0").decode(errors="replace"), at + 4 + length
+    (length,) = struct.unpack_from("<I", data, offset)
+    (text,) = struct.unpack_from(f"<{length}s", data, offset + 4)
+    return text.rstrip(b"\0").decode(errors="replace"), offset + 4 + length
 
 
 def without_padding(message_type: Any) -> Callable[[bytes], bytes]:
@@ -74,10 +74,10 @@ def without_padding(message_type: Any) -> Callable[[bytes], bytes]:
 def _message(message_type: Any) -> _Walk:
     members = [_value(slot) for slot in message_type.SLOT_TYPES]
 
-    def walk(buffer: bytearray, at: int) -> int:
+    def walk(buffer: bytearray, offset: int) -> int:
         for member in members:
-            at = member(buffer, at)
-        return at
+            offset = member(buffer, offset)
+        return offset
 
     return walk
 
@@ -100,36 +100,36 @@ def _several(value_type: Any, count: int = 0) -> Callable[..., int]:
     """Steps over `count` values, or as many as it is told."""
     if isinstance(value_type, idl.BasicType):
         return _primitives(_SIZES[value_type.typename], count)
-    one = _value(value_type)
+    each = _value(value_type)
 
-    def walk(buffer: bytearray, at: int, count: int = count) -> int:
+    def walk(buffer: bytearray, offset: int, count: int = count) -> int:
         for _ in range(count):
-            if at > len(buffer):
+            if offset > len(buffer):
                 break
-            at = one(buffer, at)
-        return at
+            offset = each(buffer, offset)
+        return offset
 
     return walk
 
 
 def _primitives(size: int, count: int = 0) -> Callable[..., int]:
-    def walk(buffer: bytearray, at: int, count: int = count) -> int:
-        return _align(buffer, at, size) + size * count if count else at
+    def walk(buffer: bytearray, offset: int, count: int = count) -> int:
+        return _align(buffer, offset, size) + size * count if count else offset
 
     return walk
 
 
 def _counted(values: Callable[[bytearray, int, int], int]) -> _Walk:
-    def walk(buffer: bytearray, at: int) -> int:
-        at = _align(buffer, at, 4)
-        (count,) = struct.unpack_from("<I", buffer, at)
-        return values(buffer, at + 4, count)
+    def walk(buffer: bytearray, offset: int) -> int:
+        offset = _align(buffer, offset, 4)
+        (count,) = struct.unpack_from("<I", buffer, offset)
+        return values(buffer, offset + 4, count)
 
     return walk
 
 
-def _align(buffer: bytearray, at: int, size: int) -> int:
-    to = at + (_HEADER - at) % size
-    if to > at:
-        buffer[at:to] = bytes(to - at)
+def _align(buffer: bytearray, offset: int, size: int) -> int:
+    to = offset + (_HEADER - offset) % size
+    if to > offset:
+        buffer[offset:to] = bytes(to - offset)
     return to

@@ -68,12 +68,12 @@ class InProcessTransport:
 
     def _deliver(self, topic: Topic, message: Any) -> None:
         """Deliver a message to all listeners; each conversion of it is done once."""
-        known: dict[Read, Any] = {}
+        kept: dict[Read, Any] = {}
 
         def reader(read: Read) -> Any:
-            if read not in known:
-                known[read] = read(message)
-            return known[read]
+            if read not in kept:
+                kept[read] = read(message)
+            return kept[read]
 
         self._serving = True
         try:

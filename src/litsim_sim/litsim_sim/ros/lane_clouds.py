@@ -87,6 +87,6 @@ def _numbers(lane_map: LaneMap) -> dict[str, int]:
     return {lane.id: row for row, lane in enumerate(lane_map.lanes)}
 
 
-def _place(point: np.void, at: FloatArray, heights: FloatArray | None) -> None:
-    point["x"], point["y"] = point["x64"], point["y64"] = at
+def _place(point: np.void, position: FloatArray, heights: FloatArray | None) -> None:
+    point["x"], point["y"] = point["x64"], point["y64"] = position
     point["z"] = 0.0 if heights is None else heights[0]

@@ -114,12 +114,12 @@ class ConflictLayer(Layer):
         return self.array(message.step, (marker for takeover in held for marker in self._markers(takeover, table)))
 
     def _markers(self, takeover: Takeover, table: AgentTable | None) -> Iterator[tuple[_Key, Marker]]:
-        agent, at, goal = takeover.agent, takeover.conflict_pose, takeover.goal_pose
+        agent, conflict, goal = takeover.agent, takeover.conflict_pose, takeover.goal_pose
         row, other = (-1, -1) if table is None else (table.row(agent), table.row(takeover.opponent))
         key, box = self.marker("conflicts", agent, Marker.CUBE, color=_OVERLAP)
         size = (4.5, 2.0) if table is None or row < 0 else (float(table.length[row]), float(table.width[row]))
         box.scale.x, box.scale.y, box.scale.z = *size, 0.5 * HEIGHTS[Kind.CAR]
-        _place(box.pose, at.x, at.y, 0.25 * HEIGHTS[Kind.CAR], at.theta)
+        _place(box.pose, conflict.x, conflict.y, 0.25 * HEIGHTS[Kind.CAR], conflict.theta)
         yield key, box
         if table is not None and min(row, other) >= 0:
             key, line = self.marker("opponents", agent, Marker.LINE_STRIP, scale=Vector3(x=LINE), color=_OVERLAP)

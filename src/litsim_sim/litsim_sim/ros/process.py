@@ -130,12 +130,12 @@ def spare_from_collection() -> None:
     gc.freeze()
 
 
-def _init(known: Sequence[str] = ()) -> None:
+def _init(positional: Sequence[str] = ()) -> None:
     """Initialise rclpy from the command line, which may hold ROS arguments and `known` ones only."""
     name = Path(sys.argv[0]).name
-    extra = [argument for argument in remove_ros_args(sys.argv)[1:] if argument not in known]
+    extra = [argument for argument in remove_ros_args(sys.argv)[1:] if argument not in positional]
     if extra[:1] in (["-h"], ["--help"]):
-        print(USAGE.format(name=name, arguments=" ".join([*known, ""])), end="")
+        print(USAGE.format(name=name, arguments=" ".join([*positional, ""])), end="")
         sys.exit(0)
     if extra:
         raise InputError(f"{name}: unknown argument {extra[0]}; parameters are given as --ros-args -p NAME:=VALUE")

@@ -95,7 +95,7 @@ def light_markers(step: int, signals: Signals | None) -> MarkerArray:
 def cloud(step: int, points: np.ndarray[Any, Any]) -> PointCloud2:
     """Returns a structured array (n,) as a cloud with a field for each of its fields but padding, in frame map."""
     layout = points.dtype
-    fields = [PointField(name=name, offset=at, datatype=kind, count=1) for name, at, kind in fields_of(layout)]
+    fields = [PointField(name=name, offset=offset, datatype=kind, count=1) for name, offset, kind in fields_of(layout)]
     return PointCloud2(
         header=header(step),
         height=1,

@@ -114,7 +114,7 @@ class BatchedScenario:
     def actors(self) -> tuple[tuple[int, Act], ...]:
         """See :attr:`.scenario.Scenario.actors`, with the ids of the batch."""
         each = enumerate(self.scenarios)
-        return tuple((self.agent(scene, agent), act) for scene, one in each for agent, act in one.actors)
+        return tuple((self.agent(scene, agent), act) for scene, scenario in each for agent, act in scenario.actors)
 
     def tables(self, table: AgentTable) -> list[AgentTable]:
         """Splits `table` by scene, with the ids of the recordings."""

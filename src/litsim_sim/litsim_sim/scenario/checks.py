@@ -110,7 +110,7 @@ def way_to_goal(goal: FloatArray, pose: FloatArray, lane_map: LaneMap, where: st
         InputError: the goal is on no lane, or no way leads there.
     """
     told = f"{where}: field goal: {', '.join(f'{value:g}' for value in goal)}"
-    place, begin = (lane_map.nearest(at[:1], at[1:2], at[2:]) for at in (goal, pose))
+    place, begin = (lane_map.nearest(there[:1], there[1:2], there[2:]) for there in (goal, pose))
     end, start = int(place.lane[0]), int(begin.lane[0])
     if abs(float(place.d[0])) > ON_LANE or bool(place.against(goal[2:])[0]):
         raise InputError(f"{told} is on no lane in its direction, expected a pose on a lane [m, m, rad]")

@@ -126,8 +126,8 @@ class Log:
 
     def row(self, agent: int) -> int:
         """Returns the row of `agent`; -1 if the log lacks it."""
-        at = int(np.searchsorted(self.ids, agent))
-        return at if at < len(self.ids) and self.ids[at] == agent else -1
+        place = int(np.searchsorted(self.ids, agent))
+        return place if place < len(self.ids) and self.ids[place] == agent else -1
 
     def take(self, rows: BoolArray) -> Log:
         """Returns the log of the agents in the mask `rows` (n,)."""
@@ -138,9 +138,9 @@ class Log:
 
         `lag` (n,) is that of the replay of each agent [steps]; None for no lag.
         """
-        at = np.full(len(self.ids), step) if lag is None else step - lag
-        rows = _on_road(self.valid, at)
-        now = rows * self.steps + at[rows]  # in the flat columns: an index in two dimensions takes ten times as long
+        own = np.full(len(self.ids), step) if lag is None else step - lag
+        rows = _on_road(self.valid, own)
+        now = rows * self.steps + own[rows]  # in the flat columns: an index in two dimensions takes ten times as long
         return AgentTable(
             step=step,
             id=self.ids.take(rows),
@@ -210,11 +210,11 @@ def logged_steps(parts: Iterable[Mapping[str, np.ndarray]], start_frame: int, wa
         step = part["frame"] - start_frame
         inside = (step >= 0) & (step <= last)
         new = {name: values[inside] for name, values in (dict(part) | {"step": step}).items()}
-        agents, at = np.unique(new["vehicle_id"], return_index=True)
-        sizes = zip(*(new[name][at].tolist() for name in ("kind", "length", "width")), strict=True)
+        agents, earliest = np.unique(new["vehicle_id"], return_index=True)
+        sizes = zip(*(new[name][earliest].tolist() for name in ("kind", "length", "width")), strict=True)
         first = dict(zip(agents.tolist(), sizes, strict=True)) | first
-        known = rows["step"] >= done if rows else None  # a step before those to build tells yaw rates
-        rows = {name: np.concatenate([rows[name][known], new[name]]) if rows else new[name] for name in new}
+        recent = rows["step"] >= done if rows else None  # a step before those to build tells yaw rates
+        rows = {name: np.concatenate([rows[name][recent], new[name]]) if rows else new[name] for name in new}
         if len(rows["step"]):
             build(max(done, int(rows["step"][-1]) - 2))  # the last step may go on in the next part
     if rows:

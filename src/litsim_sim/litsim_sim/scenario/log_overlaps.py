@@ -37,11 +37,11 @@ class LogOverlaps:
         `x`, `y` (m,) are positions of b [m]. The overlap may be `later` by so many steps, and ABOUT_THEN
         earlier.
         """
-        at = self.steps(a, b)
-        if not len(at):
+        meeting = self.steps(a, b)
+        if not len(meeting):
             return np.zeros(len(now), np.bool_)
-        then = (at >= now[:, None] - ABOUT_THEN) & (at <= now[:, None] + later)
-        off = np.hypot(self._log.x[b, at] - x[:, None], self._log.y[b, at] - y[:, None])
+        then = (meeting >= now[:, None] - ABOUT_THEN) & (meeting <= now[:, None] + later)
+        off = np.hypot(self._log.x[b, meeting] - x[:, None], self._log.y[b, meeting] - y[:, None])
         return np.asarray((then & (off <= IN_PLACE)).any(axis=1))
 
     def meets(self, a: int, b: int, now: int, x: float, y: float) -> bool:
@@ -52,13 +52,13 @@ class LogOverlaps:
 
     def _find(self, a: int, b: int) -> IntArray:
         log = self._log
-        at = np.flatnonzero(log.valid[a] & log.valid[b])
+        both = np.flatnonzero(log.valid[a] & log.valid[b])
         hit = boxes_overlap(
-            log.x[b, at] - log.x[a, at],
-            log.y[b, at] - log.y[a, at],
-            log.yaw[a, at],
-            log.yaw[b, at],
+            log.x[b, both] - log.x[a, both],
+            log.y[b, both] - log.y[a, both],
+            log.yaw[a, both],
+            log.yaw[b, both],
             (log.length[a], log.width[a]),
             (log.length[b], log.width[b]),
         )
-        return at[hit]
+        return both[hit]

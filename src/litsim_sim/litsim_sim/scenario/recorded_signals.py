@@ -25,17 +25,17 @@ def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) ->
             them.
     """
     frames = recording.columns["frame"]
-    first, last, known = int(frames.min()), int(frames.max()), False
+    first, last, shown = int(frames.min()), int(frames.max()), False
     links, counts = read_links(net), dict[str, tuple[int, int]]()
     for start in range(first, last + 1, PIECE):
         log = Log.from_recording(recording, start, PIECE + 1 + LEAVES)  # LEAVES: shows which way the last ones take
         lights = signals_of(signals, links, log.steps, start, where)
-        known |= lights.known
+        shown |= lights.known
         for group, (passed, at_red) in count_passages(lights, log, PIECE).items():
             before = counts.get(group, (0, 0))
             counts[group] = before[0] + passed, before[1] + at_red
     check_passages(counts, where)
-    check_known(signals, known, (first, last), where)
+    check_known(signals, shown, (first, last), where)
     lines = [_line(group, passed, at_red) for group, (passed, at_red) in counts.items()]
     everything = signals_of(signals, links, last - first + 1, first, where)
     return lines + [f"signals    WARNING: {sentence}" for sentence in green_conflicts(signals, everything, first)]

@@ -163,10 +163,10 @@ class Recording:
                 bad |= (values < low) | (values > high)
                 expected += f" in [{low}, {high}]"
             if bad.any():
-                at = int(np.argmax(bad))
-                vehicle, frame, value = (raw[column][at] for column in ("vehicle_id", "frame", name))
+                row = int(np.argmax(bad))
+                vehicle, frame, value = (raw[column][row] for column in ("vehicle_id", "frame", name))
                 raise InputError(
-                    f"{where}: row {at + 1} (vehicle_id {vehicle}, frame {frame}): column {name} is {value}, "
+                    f"{where}: row {row + 1} (vehicle_id {vehicle}, frame {frame}): column {name} is {value}, "
                     f"expected {expected}; {int(bad.sum())} such rows"
                 )
         with np.errstate(invalid="ignore"):  # an id or a frame beyond int64 becomes an arbitrary one
@@ -258,8 +258,8 @@ def _is_long_and_sound(data: bytes, where: str) -> bool:
                 Recording.from_columns(header, columns, where)
                 rows = {name: np.append(values, columns[name]) for name, values in rows.items()}
                 _check_tracks(rows, where)
-                at = len(rows["frame"]) - 1 - np.unique(rows["vehicle_id"][::-1], return_index=True)[1]
-                rows = {name: values[at] for name, values in rows.items()}
+                latest = len(rows["frame"]) - 1 - np.unique(rows["vehicle_id"][::-1], return_index=True)[1]
+                rows = {name: values[latest] for name, values in rows.items()}
 
             def column(name: str) -> Iterator[np.ndarray]:
                 for batch in file.iter_batches(PART_ROWS, columns=[name]):
@@ -339,8 +339,8 @@ def _check_tracks(columns: Mapping[str, np.ndarray], where: str) -> None:
     step = frame[1:] - frame[:-1]
     for bad, what in ((same & (step == 0), "is duplicated"), (same & (step > 1), "is followed by a hole")):
         if bad.any():
-            at = int(np.argmax(bad))
+            row = int(np.argmax(bad))
             raise InputError(
-                f"{where}: vehicle_id {vehicle[at]}: frame {frame[at]} {what} (next row: frame {frame[at + 1]}); "
+                f"{where}: vehicle_id {vehicle[row]}: frame {frame[row]} {what} (next row: frame {frame[row + 1]}); "
                 f"expected one row per frame from the first to the last; {int(bad.sum())} such places"
             )

@@ -161,9 +161,9 @@ class Scenario:
             return
         recording, log = self._on_all_levels
         agent, step = log.valid.nonzero()
-        at = self.lane_map.nearest(log.x[agent, step], log.y[agent, step], log.yaw[agent, step])
+        place = self.lane_map.nearest(log.x[agent, step], log.y[agent, step], log.yaw[agent, step])
         count = np.zeros((len(log.ids), len(levels.over)), np.int64)
-        np.add.at(count, (agent, levels.part[at.lane]), 1)
+        np.add.at(count, (agent, levels.part[place.lane]), 1)
         part = count.argmax(axis=1)
         stays = ~levels.apart_from(int(part[log.row(self.ego_id)]))[part]
         self.log = log.take(stays)

@@ -33,10 +33,10 @@ def green_conflicts(file: SignalsFile, signals: Signals, start_frame: int) -> li
     tells_who_gives_way = _tells_who_gives_way(file)
     conflicts: dict[tuple[str, int, int], _Conflict] = {}
     for i, j in conflicting_pairs(signals.links):
-        one, other = signals.links[i], signals.links[j]
+        own, other = signals.links[i], signals.links[j]
         first, second = sorted((int(signals.link_group[i]), int(signals.link_group[j])))
-        if (tells_who_gives_way and first != second) or not may_give_way(one, other):
-            conflicts.setdefault((one.junction, first, second), _Conflict(one.name, other.name)).pairs += 1
+        if (tells_who_gives_way and first != second) or not may_give_way(own, other):
+            conflicts.setdefault((own.junction, first, second), _Conflict(own.name, other.name)).pairs += 1
     green = signals.states == SignalState.GREEN
     return [
         _sentence(signals, junction, groups, conflict, start_frame + steps)

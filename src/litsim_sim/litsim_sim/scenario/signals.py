@@ -338,12 +338,12 @@ def count_passages(signals: Signals, log: Log, until: int | None = None) -> dict
     return {name: (int((group == row).sum()), int(red[group == row].sum())) for row, name in enumerate(signals.groups)}
 
 
-def check_known(file: SignalsFile, known: bool, frames: tuple[int, int], where: str) -> None:
+def check_known(file: SignalsFile, is_known: bool, frames: tuple[int, int], where: str) -> None:
     """Refuse signals of which no group's state is `known` within `frames`, first and last, of the recording.
 
     Raises an InputError, in which `where` names the signals.
     """
-    if known:
+    if is_known:
         return
     begins = [begin for begin, *_ in file.changes or []]
     first = f"the first change is at {min(begins):g} s" if begins else "there are no changes"
@@ -374,9 +374,11 @@ def _read_changes(states: StateList, path: Path) -> list[tuple[float, str, Any]]
     stamped = is_stamped(table["begin"])
     begin = to_numeric(seconds_of(table["begin"]) if stamped else table["begin"], errors="coerce").to_numpy(np.float64)
     if not np.isfinite(begin).all():
-        at = int(np.argmin(np.isfinite(begin)))
-        value = str(table["begin"].iloc[at])
-        raise InputError(f"{source.at(table['row'].iloc[at])}: column {states.begin!r} is {value!r}, expected a number")
+        bad = int(np.argmin(np.isfinite(begin)))
+        value = str(table["begin"].iloc[bad])
+        raise InputError(
+            f"{source.at(table['row'].iloc[bad])}: column {states.begin!r} is {value!r}, expected a number"
+        )
     for column in ("group", "state"):
         if table[column].isna().any():
             row = table[table[column].isna()].iloc[0]
@@ -386,10 +388,10 @@ def _read_changes(states: StateList, path: Path) -> list[tuple[float, str, Any]]
     state = table["state"].map(_plain)
     names = state.map(lambda value: codes.get(value, value.lower() if value.lower() in NAMES else None))
     if names.isna().any():
-        at = int(np.argmax(names.isna().to_numpy()))
-        place = source.at(table["row"].iloc[at])
+        bad = int(np.argmax(names.isna().to_numpy()))
+        place = source.at(table["row"].iloc[bad])
         raise InputError(
-            f"{place}: state {state.iloc[at]!r} is none of {', '.join(NAMES)}; say in field codes what it is"
+            f"{place}: state {state.iloc[bad]!r} is none of {', '.join(NAMES)}; say in field codes what it is"
         )
     order = np.argsort(begin, kind="stable")
     group = table["group"].map(_plain).to_numpy()
@@ -398,8 +400,8 @@ def _read_changes(states: StateList, path: Path) -> list[tuple[float, str, Any]]
     for i in order:
         first = first_at.setdefault((group[i], seconds[i]), i)
         if NAMES[names.iloc[i]] != NAMES[names.iloc[first]]:
-            one, other = (f"{source.at(table['row'].iloc[k])}, {names.iloc[k]}" for k in (first, i))
-            raise InputError(f"{one}; {other}: group {group[i]} shows two states at one time, expected one")
+            own, other = (f"{source.at(table['row'].iloc[k])}, {names.iloc[k]}" for k in (first, i))
+            raise InputError(f"{own}; {other}: group {group[i]} shows two states at one time, expected one")
     return [(seconds[i], str(group[i]), str(names.iloc[i])) for i in order]
 
 

@@ -46,12 +46,12 @@ def survey(paths: Iterable[Path], sources: Sequence[Sources | None]) -> list[Usa
 
 def describe(results: Sequence[Usability]) -> str:
     """Returns a text on how many scenarios can and cannot be loaded, with the errors of the first of the latter."""
-    shares = [one.coverage for one in results if one.coverage is not None]
-    lacking = [one for one in results if one.lacks]
+    shares = [each.coverage for each in results if each.coverage is not None]
+    lacking = [each for each in results if each.lacks]
     range_text = f"; {min(shares):.1%} to {max(shares):.1%} of the box centres on lanes" if shares else ""
     lines = [f"{len(shares)} of {len(results)} scenarios can be loaded{range_text}"]
-    lines += [f"{count} cannot for their {lacks}" for lacks, count in Counter(one.lacks for one in lacking).items()]
-    lines += [f"  {one.why}" for one in lacking[:SHOWN]]
+    lines += [f"{count} cannot for their {lacks}" for lacks, count in Counter(each.lacks for each in lacking).items()]
+    lines += [f"  {each.why}" for each in lacking[:SHOWN]]
     if len(lacking) > SHOWN:
         lines.append(f"  and {len(lacking) - SHOWN} more")
     return "\n".join(lines)

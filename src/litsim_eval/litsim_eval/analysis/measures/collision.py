@@ -84,7 +84,7 @@ class LogContacts:
 
     def _lag(self, agent: int, step: int) -> int:
         """Returns the lag [steps] of the log of `agent` at `step`, as left by its last takeover until then."""
-        return next((lag for at, lag in reversed(self._lags.get(agent, [])) if at <= step), 0)
+        return next((lag for begin, lag in reversed(self._lags.get(agent, [])) if begin <= step), 0)
 
 
 def _overlaps(steps: Steps) -> list[tuple[int, Pair]]:
@@ -93,8 +93,8 @@ def _overlaps(steps: Steps) -> list[tuple[int, Pair]]:
     for part in steps.parts():
         table, pairs = part.stacked, part.overlaps
         pairs = pairs[~table.obstacle[pairs].all(axis=1)]
-        at = part.step[table.number[pairs[:, 0]]].tolist()
-        overlaps += [(step, (i, j)) for step, (i, j) in zip(at, table.id[pairs].tolist(), strict=True)]
+        moments = part.step[table.number[pairs[:, 0]]].tolist()
+        overlaps += [(step, (i, j)) for step, (i, j) in zip(moments, table.id[pairs].tolist(), strict=True)]
     return overlaps
 
 

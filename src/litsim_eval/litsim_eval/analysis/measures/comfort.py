@@ -97,8 +97,8 @@ def comfort(tables: Sequence[AgentTable], agent: int, dt: float) -> Comfort | No
     values = motion_values(speed, acceleration, yaw_rate, dt)
     within = {}
     for name, (low, high) in BOUNDS.items():
-        known = values[name] if len(values[name]) == len(rows) else values[name][follows]
-        within[name] = float(np.mean((known >= low) & (known <= high)))
+        defined = values[name] if len(values[name]) == len(rows) else values[name][follows]
+        within[name] = float(np.mean((defined >= low) & (defined <= high)))
     begins = hard_brakes_begin(acceleration)
     return Comfort(agent, within, int(begins.sum()), int((begins & (controller != Controller.LOG)).sum()))
 

@@ -128,13 +128,13 @@ def displacements(run: Run) -> Displacements:
         table, log, agent = part.stacked, then.stacked, ids.searchsorted(then.stacked.id)
         new = np.flatnonzero(np.isnan(x[agent]))[::-1]  # the first one of each agent is assigned last, so it stays
         x[agent[new]], y[agent[new]] = log.x[new], log.y[new]
-        at = part.rows_until(log.number, log.id)  # of the run's current or last pose in this block
-        was = at >= 0
-        here = was & (table.number[at] == log.number if len(table) else was)
+        pose = part.rows_until(log.number, log.id)  # of the run's current or last pose in this block
+        was = pose >= 0
+        here = was & (table.number[pose] == log.number if len(table) else was)
         now_x, now_y = x[agent], y[agent]
-        now_x[was], now_y[was] = table.x[at[was]], table.y[at[was]]
+        now_x[was], now_y[was] = table.x[pose[was]], table.y[pose[was]]
         controlled = here.copy()
-        controlled[here] = table.of_policy[at[here]]
+        controlled[here] = table.of_policy[pose[here]]
         distance, step = np.hypot(now_x - log.x, now_y - log.y), part.step[log.number]
         counts = (here | (log.id != info.ego_id)) & (step > info.history_steps)
         np.maximum.at(largest, agent[here & counts], distance[here & counts])

@@ -171,11 +171,11 @@ def _over_time(steps: Steps, rows: IntArray, judged: BoolArray) -> dict[str, Sam
     rows, before = rows[before >= 0], before[before >= 0]
     acceleration = (table.speed[rows] - table.speed[before]) / duration
     first = _earlier(steps, before, judged)
-    known = first >= 0
+    there = first >= 0
     acceleration_before = (table.speed[before] - table.speed[first]) / duration
-    jerk = (acceleration - acceleration_before)[known] / duration
+    jerk = (acceleration - acceleration_before)[there] / duration
     agent = table.id[rows]
-    return {"acceleration": Samples(agent, acceleration), "jerk": Samples(agent[known], jerk)}
+    return {"acceleration": Samples(agent, acceleration), "jerk": Samples(agent[there], jerk)}
 
 
 def _earlier(steps: Steps, rows: IntArray, judged: BoolArray) -> IntArray:
@@ -215,8 +215,8 @@ def _sum_of(mean_or_share: str, count: str) -> Figure:
     value, number = figure_at(mean_or_share), figure_at(count)
 
     def figure(run: Metrics) -> float | None:
-        known, over = value(run), number(run)
-        return 0.0 if over == 0 else None if known is None or over is None else known * over
+        average, over = value(run), number(run)
+        return 0.0 if over == 0 else None if average is None or over is None else average * over
 
     return figure
 

@@ -128,8 +128,8 @@ def _values(
     features["linear_speed"] = table.speed[rows]
     features["linear_acceleration"] = (table.speed[rows] - table.speed[before]) / dt
     features["angular_speed"] = turn
-    known = (first >= 0) & steps.follows[number[before]]
-    features["angular_acceleration"] = np.where(known, (turn - _turn(table, before, first, dt)) / dt, 0.0)
+    there = (first >= 0) & steps.follows[number[before]]
+    features["angular_acceleration"] = np.where(there, (turn - _turn(table, before, first, dt)) / dt, 0.0)
     features["distance_to_nearest"] = _distance_to_nearest(table, rows)
     features["collision"] = np.isin(rows, steps.overlaps).astype(np.float64)
     features["time_to_collision"] = np.minimum(times_to_collision(table, rows), TTC_HORIZON_S)
@@ -181,10 +181,10 @@ def _distance_to_edge(table: AgentRows, rows: np.ndarray, lane_map: LaneMap) -> 
     """
     corners = box_corners(table.x[rows], table.y[rows], table.yaw[rows], table.length[rows], table.width[rows])
     x, y = corners[..., 0].ravel(), corners[..., 1].ravel()
-    at = lane_map.nearest(x, y)
-    half = lane_map.widths[at.lane] / 2
-    left_open = np.array([lane.left is None for lane in lane_map.lanes])[at.lane]
-    right_open = np.array([lane.right is None for lane in lane_map.lanes])[at.lane]
-    to_left = np.where(left_open, half - at.d, 20.0)
-    to_right = np.where(right_open, half + at.d, 20.0)
+    place = lane_map.nearest(x, y)
+    half = lane_map.widths[place.lane] / 2
+    left_open = np.array([lane.left is None for lane in lane_map.lanes])[place.lane]
+    right_open = np.array([lane.right is None for lane in lane_map.lanes])[place.lane]
+    to_left = np.where(left_open, half - place.d, 20.0)
+    to_right = np.where(right_open, half + place.d, 20.0)
     return np.minimum(to_left, to_right).reshape(len(rows), 4).min(axis=1)

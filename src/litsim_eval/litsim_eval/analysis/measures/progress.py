@@ -54,8 +54,8 @@ def _lengths(steps: Steps, log: Steps) -> FloatArray:
         table, number, ids = part.stacked, then.stacked.number, then.stacked.id
         rows, before = (part.rows_at(number - back, ids) for back in (0, 1))
         counts = (rows >= 0) & (before >= 0) & (then.rows_at(number - 1, ids) >= 0)
-        at, before = rows[counts], before[counts]
-        parts = np.hypot(table.x[at] - table.x[before], table.y[at] - table.y[before])
+        now, before = rows[counts], before[counts]
+        parts = np.hypot(table.x[now] - table.x[before], table.y[now] - table.y[before])
         np.add.at(total, log.ids.searchsorted(ids[counts]), parts)  # in order of the steps, too
     return total
 

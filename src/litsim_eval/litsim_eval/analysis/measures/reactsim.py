@@ -42,7 +42,7 @@ def reactsim(run: Run) -> dict[str, Any]:
     """
     ego, lane_map, steps = run.info.ego_id, lane_map_of(run), run.simulated
     first = run.once(collisions).first
-    touched = {sum(pair) - ego: steps[int(steps.step.searchsorted(at))] for pair, at in first.items() if ego in pair}
+    touched = {sum(pair) - ego: steps[int(steps.step.searchsorted(k))] for pair, k in first.items() if ego in pair}
     vehicles = {agent: table for agent, table in touched.items() if not table.obstacle[table.row(agent)]}
     sampled = _sampled(steps, ego, lane_map)
     return {
@@ -166,9 +166,9 @@ def _backwards(steps: Steps, rows: IntArray, lane_map: LaneMap) -> BoolArray:
     table = steps.stacked
     before = steps.rows_at(table.number[rows] - SPAN, table.id[rows])
     x, y, yaw = table.x[rows], table.y[rows], table.yaw[rows]
-    at = lane_map.nearest(x, y)
-    inside = lane_map.internal[at.lane]
-    heading = at.heading.copy()
+    place = lane_map.nearest(x, y)
+    inside = lane_map.internal[place.lane]
+    heading = place.heading.copy()
     heading[inside] = lane_map.nearest(x[inside], y[inside], yaw[inside]).heading
     along, _ = to_body(x - table.x[before], y - table.y[before], heading)
     turned = np.abs(wrap_angle(yaw - heading)) > TURNED

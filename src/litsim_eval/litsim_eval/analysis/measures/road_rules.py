@@ -117,7 +117,7 @@ def stops_at(lines: Sequence[SignalLink], steps: Steps, last: int, ego: int) -> 
     after = steps.step[table.number[rows]][passed.step] > last
     for step, link in zip(passed.step[after], passed.link[after], strict=True):
         line = lines[link]
-        front_x, front_y = (at + 0.5 * length * part(yaw) for at, part in ((x, np.cos), (y, np.sin)))
+        front_x, front_y = (place + 0.5 * length * part(yaw) for place, part in ((x, np.cos), (y, np.sin)))
         before = (line.stop[0] - front_x) * np.cos(line.heading) + (line.stop[1] - front_y) * np.sin(line.heading)
         near = (np.abs(before) <= STOP_WITHIN) & (np.arange(len(rows)) <= step)
         stopped.append(bool((speed[near] <= STANDING).any()))

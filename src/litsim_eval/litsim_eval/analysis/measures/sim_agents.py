@@ -132,9 +132,9 @@ def _of_agents(here: ByteArray, there: ByteArray) -> float:
 
 def _weighted(features: Mapping[str, float | None]) -> float | None:
     """Returns the mean of the known `features` by the weights of the challenge; None if none is known."""
-    known = {name: value for name, value in features.items() if value is not None}
-    total = sum(SIM_AGENTS[name].weight for name in known)
-    return sum(SIM_AGENTS[name].weight * value for name, value in known.items()) / total if known else None
+    given = {name: value for name, value in features.items() if value is not None}
+    total = sum(SIM_AGENTS[name].weight for name in given)
+    return sum(SIM_AGENTS[name].weight * value for name, value in given.items()) / total if given else None
 
 
 MEASURES = family(

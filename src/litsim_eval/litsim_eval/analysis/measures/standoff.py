@@ -105,18 +105,18 @@ def _between(run: Run, ego: _Track, other: _Track, agent: int) -> list[Standoff]
     return between
 
 
-def _could_go_first(ego: _Track, at: int, other: _Track, there: int) -> str:
+def _could_go_first(ego: _Track, here: int, other: _Track, there: int) -> str:
     """Returns who could go first where both stand; empty if their ways do not cross."""
-    ways = _way(ego, at), _way(other, there)
+    ways = _way(ego, here), _way(other, there)
     if ways[0] is None or ways[1] is None or not ways[0].intersects(ways[1]):
         return ""
-    could = not ways[0].intersects(_box(other, there)), not ways[1].intersects(_box(ego, at))
+    could = not ways[0].intersects(_box(other, there)), not ways[1].intersects(_box(ego, here))
     return {(True, True): "either", (True, False): "ego", (False, True): "other"}.get(could, "neither")
 
 
-def _way(track: _Track, at: int) -> shapely.Geometry | None:
+def _way(track: _Track, here: int) -> shapely.Geometry | None:
     """Returns the area that a vehicle sweeps along its log ahead; None if its log is elsewhere, or ends there."""
-    place, width = np.array([track.state.x[at], track.state.y[at]]), float(track.state.width[at])
+    place, width = np.array([track.state.x[here], track.state.y[here]]), float(track.state.width[here])
     away = np.hypot(*(track.log - place).T)
     nearest = len(away) - 1 - int(np.argmin(away[::-1]))  # the last, where the log stands there itself
     ahead = track.log[nearest:]
@@ -124,14 +124,14 @@ def _way(track: _Track, at: int) -> shapely.Geometry | None:
         return None
     along = arc_lengths(ahead)
     ahead = ahead[along <= AHEAD_M]
-    if along[-1] < 0.5 * track.state.length[at] or len(ahead) < 2:
+    if along[-1] < 0.5 * track.state.length[here] or len(ahead) < 2:
         return None
     return shapely.LineString(ahead).buffer(0.5 * width, cap_style="flat")
 
 
-def _box(track: _Track, at: int) -> shapely.Geometry:
-    one = track.state.take(np.array([at]))
-    return shapely.Polygon(box_corners(one.x, one.y, one.yaw, one.length, one.width)[0])
+def _box(track: _Track, row: int) -> shapely.Geometry:
+    state = track.state.take(np.array([row]))
+    return shapely.Polygon(box_corners(state.x, state.y, state.yaw, state.length, state.width)[0])
 
 
 def _held(run: Run, track: _Track) -> BoolArray:

@@ -57,7 +57,9 @@ def _answer_times(run: Run) -> dict[str, float]:
     Empty without answers, or if an earlier version recorded the graph.
     """
     if bridge := run.marks.get(BRIDGE):
-        seconds = {step: at["ego"] - at["shown"] for step, at in bridge.items() if {"ego", "shown"} <= at.keys()}
+        seconds = {
+            step: mark["ego"] - mark["shown"] for step, mark in bridge.items() if {"ego", "shown"} <= mark.keys()
+        }
     else:
         seconds = dict(run.timing.get(EGO, {}))
     ms = 1e3 * np.array([took for step, took in seconds.items() if step > 0])
@@ -106,9 +108,9 @@ def step_path(step: int, marks: Marks) -> dict[str, float]:
         chain[0]: now[chain[0]]["answered"] - now[chain[0]]["begin"],
         **{
             name: seconds
-            for one, other in pairwise(chain)
+            for own, other in pairwise(chain)
             for name, seconds in (
-                (f"hop to {other}", now[other]["begin"] - now[one]["answered"]),
+                (f"hop to {other}", now[other]["begin"] - now[own]["answered"]),
                 (other, now[other]["answered"] - now[other]["begin"]),
             )
         },
