@@ -56,10 +56,11 @@ def contacts_by_fault(by_set: Mapping[str, Methods]) -> Canvas:
             axes.annotate(f"{total:.0f}", (k, total), ha="center", va="bottom", fontsize=8)
         axes.set_xticks(range(len(methods)), list(methods), rotation=40, ha="right")
         axes.set_title(name, loc="left", fontsize=9)
-        axes.margins(y=0.15)
+        axes.set_ylim(0.0, 1.15 * max(float(bottom.max(initial=0.0)), 1.0))
         _plain(axes)
     canvas.supylabel("contacts that are not in the log", fontsize=9)
-    panels[0].legend(frameon=False, title="whose fault", fontsize=8, title_fontsize=8)
+    marks, labels = panels[0].get_legend_handles_labels()
+    canvas.legend(marks, labels, frameon=False, fontsize=8, ncols=len(labels), loc="outside upper center")
     return canvas
 
 
