@@ -115,7 +115,7 @@ class Chromium:
             self.requests.append(about["request"]["url"])
 
     def open(self, path: Path, size: tuple[int, int] = (1280, 720), dark: bool = False) -> None:
-        """Open a page and wait until its player is ready."""
+        """Open a page and wait until it is ready, which pages with scripts say."""
         self.problems.clear()
         self.requests.clear()
         self.send(
@@ -124,7 +124,8 @@ class Chromium:
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.send("Emulation.setEmulatedMedia", features=[scheme])
         self.send("Page.navigate", url=path.resolve().as_uri())
-        self.wait("document.readyState === 'complete' && document.body.classList.contains('ready')")
+        ready = "(document.scripts.length === 0 || document.body.classList.contains('ready'))"
+        self.wait(f"document.readyState === 'complete' && {ready}")
 
     def run(self, expression: str) -> Any:
         """Value of a JavaScript expression."""

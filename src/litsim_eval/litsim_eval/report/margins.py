@@ -13,6 +13,7 @@ WIDTH, LEFT, ROW = 900.0, 110.0, 34.0
 """Width of a map, room for the names at its left, and height of a row, in pixels."""
 ORDER = ("passed", "error", "forced", "failed")
 """Outcomes in the order in which they are drawn, failures last so that they are on top."""
+FEW = 30  # runs up to which the rule of three tells nothing
 LANES = 5  # heights within a row, so that dots at the same distance are seen
 
 
@@ -69,7 +70,7 @@ def _rate(scenario: Mapping[str, Any]) -> str:
     if scenario["rate"] is None:
         return "-"
     failed, drawn, (low, high) = scenario["drawn_failed"], scenario["drawn"], scenario["rate"]
-    rule = "" if failed else f"; rule of three: below {100.0 * min(1.0, 3.0 / drawn):.1f} %"
+    rule = "" if failed or drawn <= FEW else f"; rule of three: below {300.0 / drawn:.1f} %"
     return f"{failed} of {drawn}: {100.0 * low:.1f} to {100.0 * high:.1f} %{rule}"
 
 
