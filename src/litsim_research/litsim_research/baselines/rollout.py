@@ -35,7 +35,7 @@ class RolloutConfig:
 
 
 class Rollout(Policy):
-    """Drives all agents off their logs along their forecasts, without rules, signals or guards.
+    """Drives all agents off their logs along their forecasts, without routes, rules or guards.
 
     An agent without a valid forecast keeps speed and heading.
     """
