@@ -1,6 +1,7 @@
 """Red lights that are run: by whom, where, and what the recording did there."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -73,3 +74,16 @@ def test_what_is_passed_in_the_history_is_not_of_the_run(agent_table: Table, mak
     for history, passed in ((5, 2), (6, 1)):  # the first passes at step 6
         metrics = compute_metrics(make_run(run, run, signals=signals, net_xml=NET.read_bytes(), history_steps=history))
         assert metrics["signals"]["passed"] == passed
+
+
+@pytest.mark.parametrize(("amber_from", "run_amber"), [(2, 1), (10, 0)])
+def test_amber_is_run_by_who_could_stop_when_it_began(
+    agent_table: Table, make_run: Any, signals: Signals, amber_from: int, run_amber: int
+) -> None:
+    """The ego, at 10 m/s, is 35 m before the line at step 0, and needs 26.4 m: 10 within 1 s, and 16.4 to brake."""
+    states = signals.states.copy()
+    states[0] = np.where(np.arange(STEPS) < amber_from, SignalState.GREEN, SignalState.AMBER)
+    run = [replace(table, x=table.x - 30.0) for table in tables(agent_table, first={"speed": 10.0})]
+    changed = Signals(signals.groups, signals.links, signals.link_group, states)
+    made = make_run(run, run, signals=changed, net_xml=NET.read_bytes(), history_steps=1)
+    assert compute_metrics(made)["signals"]["amber_ego"] == run_amber

@@ -43,6 +43,8 @@ class Passage:
         return self.state in STOP_STATES
 
 
+AMBER_STATES = (SignalState.AMBER, SignalState.AMBER_PERMISSIVE)
+REACTION_S, BRAKING_MPS2 = 1.0, 3.05  # within which amber times have drivers stop: ITE's kinematic equation
 CELLS = 1_000_000
 """Most pairs of an agent and a step that are looked at together, which bounds the memory."""
 
@@ -87,6 +89,25 @@ def _passages_of(signals: Signals, steps: Steps, agents: IntArray) -> list[Passa
     return passed
 
 
+def _could_stop(run: Run, passage: Passage) -> bool:
+    """Returns whether the ego, that passed at amber, could stop when amber began: in its reaction time and by braking.
+
+    Yellow change intervals are made for that (Institute of Transportation Engineers): who is farther away has to stop.
+    """
+    signals = run.signals
+    if signals is None or passage.state not in AMBER_STATES:
+        return False
+    group, begin = signals.groups.index(passage.group), passage.step
+    while begin > 0 and SignalState(int(signals.table(begin - 1).state[group])) in AMBER_STATES:
+        begin -= 1
+    track, table = run.steps.track(passage.agent), run.steps.stacked
+    row = track[run.steps.step[table.number[track]] == begin]
+    link = next(link for link in signals.links if link.name == passage.connection)
+    away = (link.stop[0] - table.x[row]) * np.cos(link.heading) + (link.stop[1] - table.y[row]) * np.sin(link.heading)
+    needed = 0.5 * table.length[row] + REACTION_S * table.speed[row] + table.speed[row] ** 2 / (2.0 * BRAKING_MPS2)
+    return begin > 0 and bool((away >= needed).any())
+
+
 def run_passages(run: Run) -> list[Passage] | None:
     """Returns passages after the history of a run, which is over at its last step; None without signals."""
     return None if run.signals is None else passages(run.signals, run.steps.after(run.info.history_steps - 1))
@@ -127,8 +148,8 @@ def _at_red(_: Run, passed: list[Passage]) -> list[dict[str, Any]]:
 
 
 MEASURES = family(
-    "stop lines passed, and those passed at red, by the ego, by agents under control, and in the recording "
-    "([signals](signals.md#where-they-show)); null if the scenario has no signals",
+    "stop lines passed by vehicles, and those passed by the ego at red ([signals](signals.md#where-they-show)); null "
+    "if the scenario has no signals",
     Count("signals.passed", _of_passages(lambda _, passed: len(passed))),
     Count(
         "signals.red_ego",
@@ -140,6 +161,15 @@ MEASURES = family(
         sentence=_red_text,
         moments=moments_of(red_lights),
     ),
+    "stop lines that the ego passed at amber although it could stop when amber began: within 1 s and by 3.05 m/s² "
+    "(Institute of Transportation Engineers)",
+    Count(
+        "signals.amber_ego",
+        _of_passages(lambda run, passed: sum(_could_stop(run, by) for by in passed if by.agent == run.info.ego_id)),
+        *("ego: amber lights run", "", LOWER),
+        rows=KNOWN_OF_EGO,
+    ),
+    "stop lines passed at red by agents under control, and in the recording; each passage at red",
     Count(
         "signals.red_controlled",
         _of_passages(
