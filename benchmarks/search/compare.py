@@ -1,16 +1,11 @@
-"""Planted weaknesses: how soon and how near a search finds them, against random search with the same budget.
+"""What a search finds of planted weaknesses: margins of three versions of an ego, and failures of a careful driver.
 
-    ./litsim exec python benchmarks/search/compare.py [--careful | --versions] [--runs 200] [--seeds 5] [--out FOLDER]
+    ./litsim exec python benchmarks/search/compare.py --versions | --careful [--runs 200] [--seeds 5] [--out FOLDER]
 
-Prints a table in Markdown, for TPE and for random search: `tpe / random`. A weakness is found by a failure that the ego
-without it does not have with the same changes. `found` is the number of searches that do, `first` the number of runs
-until then, `near` that until a failure within 1.25 times the least distance of all searches of the weakness, `margin`
-the least distance itself, `any` that of all failures: medians over the seeds, with the budget where there was none.
-With --careful it prints instead what the same searches find of an ego that drives as a careful driver, with --versions
-the margins of three versions of the ego, one for each seed.
+Prints a table in Markdown: with --versions the margins of three versions of the ego, one for each seed, with --careful
+what the same searches find of an ego that drives as a careful driver.
 
-Runs are made in this process, with policy `replay`; what became of them is kept, and not run again. As what random
-search tries does not depend on what became of it, only those of its runs are made that the table needs.
+Runs are made in this process, with policy `replay`; what became of them is kept, and not run again.
 """
 
 from __future__ import annotations
@@ -19,14 +14,11 @@ import argparse
 import gc
 import hashlib
 import json
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from math import inf
+from dataclasses import replace
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from planted_egos import PlantedConfig, PlantedEgo
@@ -48,21 +40,20 @@ from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario, Sources
 
 TRAFFIC = ("brake", "cut_in", "pace", "enter", "start")
-PLANTED = (
-    ("motorway_02/112", "side", TRAFFIC),
-    ("motorway_00/10", "delay", TRAFFIC),
-    ("motorway_00/3", "ramp", TRAFFIC),
-    ("street_14/67", "red", ("start", "signals")),
-)
-"""Cases of the suite `small`, the weakness that is looked for in each, and what may change."""
-OF_VERSIONS = ("motorway_00/3", "motorway_01/112")
+OF_CAREFUL = {
+    "motorway_02/112": TRAFFIC,
+    "motorway_00/10": TRAFFIC,
+    "motorway_00/3": TRAFFIC,
+    "street_14/67": ("start", "signals"),
+}
+"""Cases of the suite `small` in which the careful driver is searched, and what may change."""
+OF_VERSIONS = dict.fromkeys(("motorway_00/3", "motorway_01/112"), (*TRAFFIC, "cut_out"))
 """Cases in which versions are compared: of two motorways the first of every fourth of the suite that is no jam."""
 HEALTHY, CAREFUL = "none", "careful"
 """The ego without a weakness, and the careful driver."""
 CHANGED = "changed"
 """Name of changed scenarios."""
 VERSIONS = (f"{CAREFUL} late", f"{CAREFUL} soft", CAREFUL)
-NEAR = 1.25
 
 
 def planted(scenario: Scenario, name: str) -> PlantedEgo:
@@ -117,73 +108,21 @@ class Road:
         return outcome, missed_by(result) if outcome == Outcome.FAILED else "", closeness(result.metrics)
 
 
-@dataclass
-class Searched:
-    """What a search of a weakness has tried; what became of it is asked for once it matters."""
-
-    road: Road
-    weakness: str
-    space: Space
-    tried: Sequence[Tried]
-
-    def fails(self, tried: Tried, weakness: str) -> bool:
-        """Returns whether the ego fails with a weakness."""
-        text = self.space.scenario_file(tried.proposal, CHANGED)
-        return self.road.outcome(text, weakness)[0] == Outcome.FAILED
-
-    def fails_alone(self, tried: Tried) -> bool:
-        """Returns whether the ego fails with the weakness, and does not without it."""
-        return self.fails(tried, self.weakness) and not self.fails(tried, HEALTHY)
-
-    def until(self, distance: float, budget: int) -> int:
-        """Returns the number of runs until the weakness alone fails within `distance`; the budget if it never does."""
-        near = (each for each in self.tried if each.distance <= distance)
-        return next((each.number for each in near if self.fails_alone(each)), budget)
-
-    def margins(self) -> tuple[float, float]:
-        """Returns the least distance of a failure of the weakness alone, and of any; infinite for none."""
-        ordered = sorted(self.tried, key=lambda each: (each.distance, each.number))
-        alone = next((each.distance for each in ordered if self.fails_alone(each)), inf)
-        return alone, next((each.distance for each in ordered if self.fails(each, self.weakness)), inf)
-
-
-def searched(road: Road, weakness: str, sampler: str, seed: int, runs: int) -> Searched:
-    """Returns a search, with its runs made if its proposals depend on them."""
+def searched(road: Road, weakness: str, seed: int, runs: int) -> Sequence[Tried]:
+    """Returns what a search has tried."""
     exploration = Exploration(road.space(weakness))
-    searching = explore(exploration, runs, sampler, seed)
+    searching = explore(exploration, runs, SAMPLERS[0], seed)
     asked = next(searching)
     with suppress(StopIteration):
         while True:
             tried = []
             for number, (how, proposal) in enumerate(asked, len(exploration.tried)):
-                lazy = sampler == "random"
                 text = exploration.space.scenario_file(proposal, CHANGED)
-                outcome, group, near = (Outcome.PASSED, "", 0.0) if lazy else road.outcome(text, weakness)
+                outcome, group, near = road.outcome(text, weakness)
                 distance = exploration.space.distance(proposal)
                 tried.append(Tried(number, how, proposal, distance, outcome, group, near))
             asked = searching.send(tried)
-    return Searched(road, weakness, exploration.space, exploration.tried)
-
-
-def print_planted(roads: dict[str, Road], seeds: int, budget: int) -> None:
-    """Prints a row for each weakness, with a number for each sampler in each cell."""
-    print("| case | weakness | found | first | near | margin | any |\n|---|---|---:|---:|---:|---:|---:|", flush=True)
-    for case, weakness, _ in PLANTED:
-        searches = {
-            sampler: [searched(roads[case], weakness, sampler, seed, budget) for seed in range(seeds)]
-            for sampler in SAMPLERS
-        }
-        margins = {sampler: [each.margins() for each in some] for sampler, some in searches.items()}
-        print(f"{case}: {margins}", file=sys.stderr, flush=True)
-        least = min(alone for some in margins.values() for alone, _ in some)
-        columns = []
-        for sampler, some in searches.items():
-            alone, anyway = zip(*margins[sampler], strict=True)
-            runs = [median(each.until(distance, budget) for each in some) for distance in (inf, NEAR * least)]
-            counts = [sum(each < inf for each in alone), *runs]
-            columns.append([f"{each:g}" for each in counts] + [f"{median(each):.2f}" for each in (alone, anyway)])
-        cells = (case, f"`{weakness}`", *map(" / ".join, zip(*columns, strict=True)))
-        print(f"| {' | '.join(cells)} |", flush=True)
+    return exploration.tried
 
 
 def print_careful(roads: dict[str, Road], seeds: int, budget: int) -> None:
@@ -195,7 +134,7 @@ def print_careful(roads: dict[str, Road], seeds: int, budget: int) -> None:
     for case, road in roads.items():
         count, groups, runs = Counter[Outcome](), Counter[str](), 0
         for seed in range(seeds):
-            for each in searched(road, CAREFUL, SAMPLERS[0], seed, budget).tried:
+            for each in searched(road, CAREFUL, seed, budget):
                 count[each.outcome] += 1
                 groups[each.group] += each.outcome == Outcome.FAILED
                 runs += 1
@@ -211,11 +150,9 @@ def print_versions(roads: dict[str, Road], seeds: int, budget: int) -> None:
     for case, road in roads.items():
         cells = []
         for version in VERSIONS:
-            some = [searched(road, version, SAMPLERS[0], seed, budget) for seed in range(seeds)]
-            margins = [
-                min((t.distance for t in each.tried if t.outcome == Outcome.FAILED), default=None) for each in some
-            ]
-            tries = sum(len(each.tried) for each in some)
+            some = [searched(road, version, seed, budget) for seed in range(seeds)]
+            margins = [min((t.distance for t in each if t.outcome == Outcome.FAILED), default=None) for each in some]
+            tries = sum(len(each) for each in some)
             cells.append(", ".join("-" if m is None else f"{m:.2f}" for m in margins) + f" in {tries} runs")
         print(f"| {case} | {' | '.join(cells)} |", flush=True)
 
@@ -226,19 +163,17 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--out", type=Path, default=Path("bags/planted"))
-    parser.add_argument("--careful", action="store_true", help="search with the careful driver")
-    parser.add_argument("--versions", action="store_true", help="compare three versions of the ego")
+    table = parser.add_mutually_exclusive_group(required=True)
+    table.add_argument("--careful", action="store_true", help="search with the careful driver")
+    table.add_argument("--versions", action="store_true", help="compare three versions of the ego")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     suite = Suite.load("small").model_copy(update={"policies": ["replay"]})
     cases = {"/".join(case.name.split("/")[:2]): case for case in cases_of(suite)}
-    searched_for = {case: changes for case, _, changes in PLANTED}
-    if arguments.versions:
-        searched_for = dict.fromkeys(OF_VERSIONS, (*TRAFFIC, "cut_out"))
+    searched_for = OF_VERSIONS if arguments.versions else OF_CAREFUL
     roads = {case: Road(cases[case], changes, arguments.out) for case, changes in searched_for.items()}
     gc.freeze()
-    how = print_versions if arguments.versions else print_careful if arguments.careful else print_planted
-    how(roads, arguments.seeds, arguments.runs)
+    (print_versions if arguments.versions else print_careful)(roads, arguments.seeds, arguments.runs)
 
 
 if __name__ == "__main__":

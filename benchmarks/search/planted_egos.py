@@ -12,10 +12,12 @@ from litsim_eval.analysis.careful_driver import risky, speed_lost
 from litsim_policy.ego.ego import Ego
 from litsim_sim.core.geometry import arc_lengths, to_body, wrap_angle
 from litsim_sim.core.quantities import configuration
-from litsim_sim.core.scene import ARRAY_FIELDS, STEP_S, AgentTable, BoolArray, EgoCommand, FloatArray
+from litsim_sim.core.scene import ARRAY_FIELDS, STEP_S, AgentTable, BoolArray, EgoCommand, FloatArray, IntArray
 from litsim_sim.core.signals import SignalState
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import TwistTarget, follow_twist
+from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario
 
 RED = (SignalState.RED, SignalState.RED_AMBER, SignalState.AMBER)
@@ -28,6 +30,7 @@ DELAY_STEPS = {"delay": 4, "late": 6}
 BRAKES_MPS2, SOFT_MPS = {"soft": 1.0, "weak": 2.0}, 5.0  # hardest braking; below which speed, for `soft`
 HEADWAY_S, CLOSE_S = 1.5, 0.3
 NEAR_M = 20.0
+BRAKES_FROM_MPS2, SHORT_M = 1.5, 0.2  # braking at which the careful driver begins to stop at a line; least way there
 STANDS_MPS = 0.5
 ACROSS = 0.5  # sine of the angle to the ego from which on others drive across
 GROUP_ENDS_IN = "2"
@@ -50,7 +53,8 @@ class PlantedConfig:
             those that stand; `walkers`, to pedestrians and cyclists; `crossing`, to those that drive across; `red`, red
             is green for signal groups whose names end in 2; `amber`, amber is green.
         careful: brakes as the careful driver of UN Regulation 157 where that driver perceives a risk, and waits for
-            those who stand or drive across ahead: that regulation knows no junctions.
+            those who stand or drive across ahead, pedestrians and cyclists only while they come, and brakes evenly to
+            stop lines: that regulation knows no junctions.
     """
 
     weakness: Weakness = "none"
@@ -74,8 +78,6 @@ class PlantedEgo(Ego):
         points = lane_map.path_from(int(start.lane[0]), float(start.s[0]), 1000.0) @ (1, 1j)
         along = arc_lengths(np.column_stack([points.real, points.imag]))
         self._line = np.interp(np.arange(1000.0), along, points)  # metre by metre
-        rows, first = np.arange(len(log.ids)), log.first_step
-        entry = lane_map.nearest(log.x[rows, first], log.y[rows, first], log.yaw[rows, first])
         signals = scenario.signals
         links = [] if signals is None else [(complex(*link.stop), complex(*link.exit)) for link in signals.links]
         near = [[int(np.argmin(np.abs(self._line - end))) for end in ends] for ends in links]
@@ -84,7 +86,7 @@ class PlantedEgo(Ego):
             for number, ((stop, leave), ends) in enumerate(zip(near, links, strict=True))
             if max(abs(self._line[stop] - ends[0]), abs(self._line[leave] - ends[1])) < 1.5
         }
-        self._from_ramp = log.ids[["ramp" in lane_map.lanes[lane].edge_id for lane in entry.lane.tolist()]]
+        self._from_ramp = from_ramp(log, lane_map)
 
     def plan(self, table: AgentTable) -> EgoCommand:
         """See :class:`litsim_policy.ego.ego.Ego`."""
@@ -94,12 +96,15 @@ class PlantedEgo(Ego):
         at = complex(ego.x, ego.y)
         ahead, left = to_body(table.x - ego.x, table.y - ego.y, np.array(ego.yaw))
         apart = ahead - 0.5 * (table.length + ego.length)  # [m] bumper to bumper
-        across = (np.abs(np.sin(table.yaw - ego.yaw)) > ACROSS) & self._careful
+        across = np.sin(table.yaw - ego.yaw)  # to the left
+        leaves = table.obstacle & ((across * left > 0.0) | (table.speed < STANDS_MPS))
+        waits = (np.abs(across) > ACROSS) & ~leaves & self._careful
         known = self._known(table, ahead, left)
-        in_way = known & (ahead > 0.0) & (np.abs(left) < np.where(across, CROSSING_M, LANE_M))
+        in_way = known & (ahead > 0.0) & (np.abs(left) < np.where(waits, CROSSING_M, LANE_M))
         gap = float(np.min(apart[in_way], initial=100.0)) - 2.5
         here = int(np.argmin(np.abs(self._line[:-10] - at)))
-        gap = min(gap, self._to_red(table.step, here, ego.length, ego.speed))
+        to_red = self._to_red(table.step, here, ego.length, ego.speed)
+        gap = min(gap, to_red)
         headway = CLOSE_S if self._weakness == "close" else HEADWAY_S
         wanted = ego.speed + float(np.clip(min(12.0, max(0.0, gap / headway)) - ego.speed, -0.4, 0.1))
         yaw = float(wrap_angle(np.angle(self._line[here + 10] - at) - ego.yaw))
@@ -107,6 +112,9 @@ class PlantedEgo(Ego):
         command = EgoCommand(table.step, *follow_twist(target, ego, self._scenario.vehicle))
         if self._careful:
             command = self._braked(table, command, known)
+            needed = ego.speed**2 / (2.0 * max(to_red, SHORT_M))  # [m/s2] to stop at the line
+            if needed > BRAKES_FROM_MPS2:
+                command = replace(command, acceleration=min(command.acceleration, -needed))
         hardest = BRAKES_MPS2.get(self._weakness, np.inf)
         if self._weakness != "soft" or ego.speed < SOFT_MPS:
             command = replace(command, acceleration=max(command.acceleration, -hardest))
@@ -163,3 +171,13 @@ class PlantedEgo(Ego):
             if states[link] in RED and not ignored and room > enough:
                 gap = min(gap, room - 1.0)
         return gap
+
+
+def from_ramp(log: Log, lane_map: LaneMap) -> IntArray:
+    """Returns ids of agents that enter on a lane of a ramp, or on one to which nothing but ramps leads."""
+    lanes, rows, first = lane_map.lanes, np.arange(len(log.ids)), log.first_step
+    entry = lane_map.nearest(log.x[rows, first], log.y[rows, first], log.yaw[rows, first])
+    ramps = {lane.id for lane in lanes if "ramp" in lane.edge_id}
+    to = [(name, lane.id in ramps) for lane in lanes for name in lane.successors]
+    ramps |= {name for name, _ in to} - {name for name, of_ramp in to if not of_ramp}
+    return log.ids[[lanes[lane].id in ramps for lane in entry.lane.tolist()]]

@@ -5,7 +5,9 @@ import pytest
 
 from litsim_eval.search.people import DECLARED, PARAMETERS, People
 from litsim_eval.search.space import NOTHING, Proposal, Space
+from litsim_sim.core.scene import Controller, ControlTable, EgoCommand
 from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.world.world import World
 
 EGO, LEADER, BESIDE, LATE = 1, 2, 3, 4
 
@@ -84,3 +86,18 @@ def test_agents_that_a_scenario_has_changed_already_stay_as_they_are(space: Spac
     assert "brake" not in again.agents and LEADER not in again.agents["pace"]
     more = Scenario.from_yaml(again.scenario_file(Proposal(z={"start.left": 1.0}), "more"), "text")
     assert [change.kind for change in more.file.changes] == ["brake", "start"]
+
+
+@pytest.mark.parametrize(("act", "ego"), [("brake", -1.0), ("cut_in", 1.0), ("cut_out", -1.0)])
+def test_an_act_begins_when_it_says_unless_other_changes_move_the_ego(space: Space, act: str, ego: float) -> None:
+    agent, z = BESIDE if act == "cut_in" else LEADER, {f"{act}.duration_s": 1.0}
+    proposal = Proposal(act, agent, 2.0, z | ({"brake.deceleration": 2.0} if act == "brake" else {}))
+    scenario = Scenario.from_yaml(space.scenario_file(proposal, "waits"), "text")
+    world, begins = World(scenario, guard_entries=False), list[int]()
+    for acceleration in (0.0, ego):
+        table = world.reset()
+        while table.controller[table.row(agent)] == Controller.LOG and table.step < 60:
+            table = world.step(ControlTable.empty(table.step), EgoCommand(table.step, acceleration))
+        begins.append(table.step - 1)
+    assert begins[0] == 20
+    assert begins[1] > 20  # the ego is not so near to a leader any more, and too near for a cut-in

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import floor
 
 import numpy as np
 
-from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.world.places import AHEAD_M, headways, places
 
 AGENTS_MAX = 6  # most agents of a kind of act
 ENTER_M = 60.0  # [m] around the ego within which agents enter
-AHEAD_M = 80.0  # [m] ahead of the ego within which agents act
-BESIDE = (1.8, 5.5)  # [m] to the side of the ego, where agents can cut in
-SAME_LANE = 1.8  # [m] to the side of the ego up to which an agent is in its lane
+HEADWAY_STEP_S = 0.01  # to which headways are rounded
+HEADWAY_ROOM_S = 0.5  # by which a cut-in leaves more headway at most than it would without other changes
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,8 @@ class Places:
         there = log.valid[:, steps] & log.valid[egos, steps] & ~log.obstacle[:, None]
         there &= np.arange(len(log.ids))[:, None] != egos
         dx, dy = (values[:, steps] - values[egos, steps] for values in (log.x, log.y))
-        ahead, left = to_body(dx, dy, log.yaw[egos, steps])
-        same_way = np.cos(log.yaw[:, steps] - log.yaw[egos, steps]) > 0.7
-        in_front, aside = there & same_way & (ahead > 0.0) & (ahead < AHEAD_M), np.abs(left)
-        beside = in_front & (aside > BESIDE[0]) & (aside < BESIDE[1])
-        return cls(ahead, left, there, in_front & (aside < SAME_LANE), beside)
+        place = places(dx, dy, log.yaw[:, steps], log.yaw[egos, steps])
+        return cls(place.ahead, place.left, there, there & place.leading, there & place.beside)
 
 
 def agents_by_act(scenario: Scenario, log: Log, steps: IntArray) -> dict[str, dict[int, IntArray]]:
@@ -72,3 +69,21 @@ def agents_by_act(scenario: Scenario, log: Log, steps: IntArray) -> dict[str, di
         nearest = np.argsort(least, kind="stable")[: min(AGENTS_MAX, int(np.isfinite(least).sum()))]
         agents[act] = {int(log.ids[row]): steps[mask[row]] for row in nearest}
     return agents
+
+
+def headway(log: Log, ego: int, agent: int, step: int) -> float:
+    """Returns the headway of an ego to an agent ahead of it at a step of a log [s]; both are there."""
+    own, other, steps = np.array([log.row(ego)]), np.array([log.row(agent)]), np.array([step])
+    ahead = Places.of(log, own, steps).ahead[other[0]]
+    return float(headways(ahead, log.length[other], log.length[own], log.speed[own, steps])[0])
+
+
+def headway_bounds(act: str, headway_s: float) -> tuple[float, float]:
+    """Returns the headways with which an act begins that would begin with `headway_s` without other changes.
+
+    A cut-in leaves no less, by which it is as far from reality as that; other agents act once the ego is so near.
+    """
+    steps = floor(headway_s / HEADWAY_STEP_S)
+    if act == "cut_in":
+        return round(steps * HEADWAY_STEP_S, 2), round(steps * HEADWAY_STEP_S + HEADWAY_ROOM_S, 2)
+    return 0.0, round((steps + 1) * HEADWAY_STEP_S, 2)

@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from litsim_eval.search.people import PARAMETERS, Habit, Parameter, People
-from litsim_eval.search.places import Places, agents_by_act
+from litsim_eval.search.places import agents_by_act, headway, headway_bounds
 from litsim_sim.core.scene import STEP_S, IntArray
 from litsim_sim.scenario.changes import Change, changes_of
 from litsim_sim.scenario.log import Log
@@ -43,6 +43,8 @@ USUAL = {
 """What agents do where a parameter of the act does not vary."""
 UNTIMED = (NOTHING, "enter", "inattentive")
 """Acts without a time of their own."""
+WAITING = ("brake", "cut_in", "cut_out")
+"""Acts that wait until the ego is as near as it is without changes."""
 ALWAYS_ACTS = ("cut_in", "cut_out")
 """Acts that are some even if all their parameters are as usual."""
 
@@ -242,7 +244,7 @@ class Space:
                 first, last = self.steps
                 far[f"{act}.occurs"] = self.people.rates[act].distance((last - first + 1) * STEP_S)
             if act == "cut_in":
-                far["cut_in.headway_s"] = self._headway_left(proposal)
+                far["cut_in.headway_s"] = self.people.habits["headway_left_s"].distance(self._headway_s(proposal))
         return {name: distance for name, distance in far.items() if distance > 0.0}
 
     def acts_in(self, proposal: Proposal) -> bool:
@@ -281,6 +283,8 @@ class Space:
                 **USUAL.get(act, {}),
                 **of_kind(act),
             }
+            if act in WAITING:
+                change["headway_s"] = headway_bounds(act, self._headway_s(proposal))
             if act == "pace":
                 change["factor"] = round(1.0 + change["factor"], 3)
             if act == "enter":
@@ -307,12 +311,6 @@ class Space:
         }
         return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=120)
 
-    def _headway_left(self, proposal: Proposal) -> float:
-        """Returns the distance of the headway that a cut-in leaves to the ego, as both drive when it begins."""
-        log, step = self.driven, round(proposal.begin_s / STEP_S)
-        ego, other = log.row(self.scenario.ego_id), log.row(proposal.agent)
-        place = Places.of(log, np.array([ego]), np.array([step]))
-        if not place.there[other, 0]:
-            return 0.0
-        room = float(place.ahead[other, 0]) - 0.5 * float(log.length[ego] + log.length[other])
-        return self.people.habits["headway_left_s"].distance(max(room, 0.0) / max(float(log.speed[ego, step]), 1.0))
+    def _headway_s(self, proposal: Proposal) -> float:
+        """Returns the headway of the ego to the agent when its act begins, as both drive without changes [s]."""
+        return headway(self.driven, self.scenario.ego_id, proposal.agent, round(proposal.begin_s / STEP_S))
