@@ -84,6 +84,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("bags"))
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
+    gc.freeze()  # what is there by now stays: it need not be searched after each run
     found = {name: outcomes(name, arguments.policy, arguments.out) for name in arguments.suites}
     tags = {name: {case.name: case.tags[0] for case in cases(name, arguments.policy)} for name in found}
     heads = [f"{Path(name).stem}, {sum(each[HEALTHY] for each in of.values())} cases" for name, of in found.items()]
