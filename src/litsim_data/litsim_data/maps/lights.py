@@ -13,7 +13,7 @@ import yaml
 
 from litsim_data.maps.light_proposal import Proposal, propose_lights
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import replacing, write_text
 from litsim_sim.io.input_files import read_plain_xml
 from litsim_sim.lane_map.signal_links import ARROW, read_links
 from litsim_sim.scenario.log import Log
@@ -84,6 +84,5 @@ def propose_for(net: Path, recording: Path, out: Path) -> tuple[Proposal, list[s
     beside = out.with_name(f"{out.name.removesuffix('.net.xml')}_signals.yaml")
     content = yaml.safe_dump(proposal.file.model_dump(mode="json", exclude_none=True), sort_keys=False)
     head = f"# Proposed by who stops and starts in {recording.name}, to be confirmed.\n"
-    with replacing(beside) as new:
-        new.write_text(head + content, encoding="utf-8")
+    write_text(beside, head + content)
     return proposal, [*notes, f"signals    {beside}"]

@@ -17,7 +17,7 @@ from litsim_eval.campaign.comparison import paired_interval
 from litsim_eval.report.margins import tries_text
 from litsim_eval.search.judging import Outcome
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import replacing, write_text
 from litsim_sim.io.yaml_input import read_yaml
 
 MARGINS_FILE, TABLE_FILE, PAGE_FILE, JUNIT_FILE = "margins.json", "tried.parquet", "margins.html", "junit.xml"
@@ -132,8 +132,7 @@ class Margins(_Content):
         Raises:
             Unwritable: that is impossible.
         """
-        with replacing(folder / MARGINS_FILE) as new:
-            new.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        write_text(folder / MARGINS_FILE, self.model_dump_json(indent=1) + "\n")
 
     @classmethod
     def read(cls, folder: Path) -> Margins:

@@ -25,7 +25,7 @@ from litsim_data.mining.mine import events_in
 from litsim_eval.search.places import Places
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario, packaged
@@ -213,10 +213,7 @@ class People(BaseModel):
         Raises:
             Unwritable: `path` cannot be written.
         """
-        with replacing(path) as new:
-            new.write_text(
-                yaml.safe_dump(self.model_dump(), sort_keys=False, default_flow_style=None, width=120), encoding="utf-8"
-            )
+        write_text(path, yaml.safe_dump(self.model_dump(), sort_keys=False, default_flow_style=None, width=120))
 
 
 QUANTITIES: Mapping[str, tuple[str, bool]] = {

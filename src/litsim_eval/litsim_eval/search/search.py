@@ -38,7 +38,7 @@ from litsim_eval.search.people import People
 from litsim_eval.search.space import DISTANCE_MAX, Proposal
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import POLICY_STAGES
-from litsim_sim.io.files import make_folder, replacing
+from litsim_sim.io.files import make_folder, write_text
 from litsim_sim.kernels.compiled import load_kernels
 from litsim_sim.record.run import Run, read_run
 from litsim_sim.scenario.run_info import EXTERNAL
@@ -152,8 +152,7 @@ class Search:
         note = {"cases": [search.case.key for search in self.all], "people": self._people.source} | settings
         if path.is_file() and json.loads(path.read_text(encoding="utf-8")) != note:
             raise InputError(f"{self._out}: holds another search; expected another --out, or --overwrite")
-        with replacing(path) as new:
-            new.write_text(json.dumps(note, indent=1) + "\n", encoding="utf-8")
+        write_text(path, json.dumps(note, indent=1) + "\n")
 
     def _explore(self, progress: Callable[[int], object]) -> None:
         settings = self._settings
@@ -221,8 +220,7 @@ class Search:
         space, name = search.exploration.space, search.scenario_name(number)
         path = self._out / SCENARIOS / f"{name}.yaml"
         make_folder(path.parent)
-        with replacing(path) as new:
-            new.write_text(space.scenario_file(proposal, name), encoding="utf-8")
+        write_text(path, space.scenario_file(proposal, name))
         events = [change.model_dump(mode="json") for change in space.changes(proposal)]
         entry = search.entries[number] = CaseEntry(
             scenario=str(path.resolve()),

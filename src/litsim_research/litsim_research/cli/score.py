@@ -28,7 +28,7 @@ from litsim_research.cli.train_predictor import packaged_configs
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import replacing, write_text
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import Scenario
 
@@ -230,8 +230,7 @@ def main() -> None:
     where = ", ".join(measures["protocol"]["sources"])
     print_table(f"{where}: {measures['samples']} forecasts in {measures['scenes']} scenes", result)
     if arguments.json:
-        with replacing(arguments.json) as new:
-            new.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        write_text(arguments.json, json.dumps(result, indent=2, allow_nan=False) + "\n")
     if arguments.plot:
         from litsim_research.predictors.evaluation.plot import draw
 

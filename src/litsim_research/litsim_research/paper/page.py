@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 from litsim_sim.io.yaml_input import read_text
 
 END = "<!-- end: figures -->"
@@ -29,5 +29,4 @@ def fill(path: Path, command: str, lines: Sequence[str]) -> None:
     if not marked.search(text):
         raise InputError(f"{path}: expected lines {begin(command)} and {END} around the results")
     content = "".join(f"{line}\n" for line in lines)
-    with replacing(path) as new:
-        new.write_text(marked.sub(lambda match: f"{match[1]}{content}{END}", text, count=1), encoding="utf-8")
+    write_text(path, marked.sub(lambda match: f"{match[1]}{content}{END}", text, count=1))

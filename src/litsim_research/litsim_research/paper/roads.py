@@ -20,7 +20,7 @@ from litsim_data.traffic.seeds import PAPER
 from litsim_data.traffic.segment_set import write_segment_set
 from litsim_eval.campaign.suite import CaseEntry
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario, packaged
 
 REAL, STREETS, HIGHWAY, URBAN = "real", "streets", "highway", "urban"
@@ -127,6 +127,5 @@ def _quick(name: str, folder: Path) -> list[CaseEntry]:
     path, source = folder / f"quick_{name}.yaml", QUICK[name]
     source = str(packaged(f"suites/{source}.yaml", "litsim_eval")) if "/" in source else source
     scenario = Scenario.load(source, simulation_s=QUICK_S)
-    with replacing(path) as new:
-        new.write_text(scenario.to_yaml())
+    write_text(path, scenario.to_yaml())
     return [_entry(name, str(path.resolve()), ego, draw) for draw, ego in enumerate(scenario.egos[:2])]

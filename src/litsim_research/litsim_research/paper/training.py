@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from litsim_research.paper.tables import write_csv
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import make_folder, replacing
+from litsim_sim.io.files import make_folder, write_text
 from litsim_sim.io.yaml_input import load_yaml, read_text
 
 PREDICTOR, POLICY = "predictor", "policy"
@@ -135,7 +135,7 @@ class Job:
         """Start or resume the training, in a session of its own: signals of the terminal do not reach it."""
         make_folder(self.folder)
         text = json.dumps(self.config, indent=1) + "\n"  # JSON is YAML, too
-        (self.folder / CONFIG).write_text(text, encoding="utf-8")
+        write_text(self.folder / CONFIG, text)
         resume = ["--resume"] * (self.folder / CHECKPOINT).is_file()
         own = ["--workers", "1"] if self.what == PREDICTOR else ["--processes", "1"]
         options = ["--config", str(self.folder / CONFIG), "--out", str(self.folder), "--threads", "1", *own, *resume]
@@ -145,8 +145,7 @@ class Job:
 
     def add_time(self, seconds: float) -> None:
         """Add to the time that the training has taken."""
-        with replacing(self.folder / TIME) as new:
-            new.write_text(json.dumps(self.seconds + seconds), encoding="utf-8")
+        write_text(self.folder / TIME, json.dumps(self.seconds + seconds))
 
 
 def jobs(out: Path, seeds: Sequence[int], *, quick: bool) -> list[Job]:

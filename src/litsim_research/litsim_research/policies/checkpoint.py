@@ -21,7 +21,7 @@ from litsim_research.predictors.checkpoint import checkpoint, save_checkpoint
 from litsim_research.predictors.training.curves import Lines, plot_curves
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 
 CHECKPOINT, HISTORY, CURVES, LAST, BEST = (
     "checkpoint.pt",
@@ -185,5 +185,4 @@ def write_history(history: list[dict[str, float]], path: Path) -> None:
     Raises:
         Unwritable: the file cannot be written; what was there is kept.
     """
-    with replacing(path) as new:
-        new.write_text(json.dumps(history, indent=1) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(history, indent=1) + "\n")

@@ -19,7 +19,7 @@ from litsim_data.segments import MANIFEST_FILE, Manifest
 from litsim_research.policies.following import following_scenarios, reported_drivers
 from litsim_research.predictors.data.sources import digest_of
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario
 
@@ -215,8 +215,7 @@ def _real(window: RealWindow, folder: Path) -> Scenario:
     if not egos:
         raise InputError(f"data: field real: no vehicle of frames {window.frames} stays for {REAL_STAYS} steps")
     path = folder / f"{name}.yaml"
-    with replacing(path) as new:
-        new.write_text(yaml.safe_dump(file | {"ego": egos[0], "egos": egos}, sort_keys=False), encoding="utf-8")
+    write_text(path, yaml.safe_dump(file | {"ego": egos[0], "egos": egos}, sort_keys=False))
     return Scenario.load(path)
 
 

@@ -29,7 +29,7 @@ from litsim_research.predictors.training.config import TrainingConfig
 from litsim_research.predictors.training.curves import PANELS, plot_curves
 from litsim_research.predictors.training.data import Locator, load_parts, targets_of
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import write_text
 
 GRADIENT_LIMIT = 10.0
 VALIDATION_STRIDE = 10  # frames between scenes
@@ -260,6 +260,5 @@ class Training:
         }
         save_checkpoint(self._folder / CHECKPOINT, state)
         summary = {"best": self._best, "manifest": self._manifest, "epochs": self.history, "maneuvers": list(MANEUVERS)}
-        with replacing(self._folder / HISTORY_FILE) as new:
-            new.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+        write_text(self._folder / HISTORY_FILE, json.dumps(summary, indent=1) + "\n")
         plot_curves(self.history, self._folder / CURVES, PANELS, along="epoch")
