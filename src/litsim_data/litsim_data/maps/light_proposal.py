@@ -14,7 +14,7 @@ import numpy as np
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, FloatArray
-from litsim_sim.lane_map.signal_links import SignalLink, crossings
+from litsim_sim.lane_map.signal_links import SignalLink, by_lane, crossings
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.signals import SignalsFile
 
@@ -140,11 +140,8 @@ def _lanes(links: Sequence[SignalLink], log: Log) -> list[Lane]:
     passages = crossings(links, log.x, log.y, log.yaw, log.length, driven)
     half = 0.5 * log.length[:, None]
     front_x, front_y = log.x + half * np.cos(log.yaw), log.y + half * np.sin(log.yaw)
-    by_lane: dict[str, list[int]] = {}
-    for place, link in enumerate(links):
-        by_lane.setdefault(link.from_lane, []).append(place)
     lanes = []
-    for places in by_lane.values():
+    for places in by_lane(links):
         line = links[places[0]]
         cos, sin = np.cos(line.heading), np.sin(line.heading)
         dx, dy = front_x - line.stop[0], front_y - line.stop[1]

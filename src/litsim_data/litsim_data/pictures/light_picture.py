@@ -16,6 +16,7 @@ from litsim_data.pictures.map_picture import LANE
 from litsim_sim.core.colours import INK
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.io.files import replacing
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.signal_links import SignalLink
 
@@ -57,10 +58,8 @@ def draw_lights(path: Path, lane_map: LaneMap, proposal: Proposal) -> None:
     title = "proposed green and amber; gray: the first in the lane stands; stroke: a vehicle passes the stop line"
     times.set_title(title, loc="left", fontsize=10, color=INK)
     FigureCanvasAgg(figure)
-    try:
-        figure.savefig(path, format="png", dpi=DPI)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with replacing(path) as new:
+        figure.savefig(new, format="png", dpi=DPI)
 
 
 def _draw_place(axes: Axes, lane_map: LaneMap, proposal: Proposal, colour: dict[str, tuple[float, ...]]) -> None:

@@ -170,7 +170,7 @@ def _as_recorded(log: tuple[Floats2, Floats2, Floats2, Bools2], agents: AgentArr
 
 @kernel
 def _acceleration(agents: AgentArrays, row: int, before: AgentArrays, elapsed: float) -> float:
-    """Returns the acceleration [m/s2] of the agent in `row` since the table `before`; that of the step if it is new."""
+    """Return the acceleration [m/s2] of the agent in `row` since the table `before`; of a new one that of the step."""
     earlier = np.searchsorted(before.id, agents.id[row])
     if elapsed > 0.0 and earlier < len(before.id) and before.id[earlier] == agents.id[row]:
         return (agents.speed[row] - before.speed[earlier]) / elapsed

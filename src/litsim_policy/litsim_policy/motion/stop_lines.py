@@ -12,12 +12,11 @@ from litsim_policy.motion.car_following import GAP_MIN, IdmConfig, idm_accelerat
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.core.signals import STOP_STATES, SignalState
+from litsim_sim.core.signals import AMBER_STATES, STOP_STATES
 from litsim_sim.lane_map.signal_links import FACING, PASSED
 from litsim_sim.scenario.signals import LinkSignals
 
-AMBER = (SignalState.AMBER, SignalState.AMBER_PERMISSIVE)
-IS_RED, IS_AMBER = (np.isin(np.arange(256), states) for states in (STOP_STATES, AMBER))  # masks by state
+IS_RED, IS_AMBER = (np.isin(np.arange(256), states) for states in (STOP_STATES, AMBER_STATES))  # masks by state
 ON_WAY = 1.6  # [m] from a lane's centre line within which a path is on the lane: half the width of a narrow lane
 FREE = np.inf
 RED_BRAKING = 8.0  # [m/s2] most braking for a stop at red

@@ -14,10 +14,11 @@ from litsim_predictor.inference.contract import HISTORY, HISTORY_CHANNELS, STRID
 from litsim_predictor.inference.joint.units import TRAFFIC_AGO, TRAFFIC_KNOTS
 from litsim_predictor.inference.traffic import Traffic
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.core.signals import STOP_STATES, SignalState
+from litsim_sim.core.signals import AMBER_STATES, STOP_STATES
+from litsim_sim.lane_map.signal_links import by_lane
 from litsim_sim.scenario.signals import LinkSignals
 
-IS_CLOSED = np.isin(np.arange(256), (*STOP_STATES, SignalState.AMBER, SignalState.AMBER_PERMISSIVE))
+IS_CLOSED = np.isin(np.arange(256), (*STOP_STATES, *AMBER_STATES))
 """Mask by state: whoever can still stop does so."""
 LENGTH, WIDTH = 0.0, 2.0
 """[m] of what stands on a closed line; vehicles have lengths."""
@@ -58,12 +59,10 @@ class ClosedLines:
 
     def __init__(self, signals: LinkSignals) -> None:
         self._signals = signals
-        by_lane: dict[str, list[int]] = {}
-        for place, link in enumerate(signals.links):
-            by_lane.setdefault(link.from_lane, []).append(place)
-        self._links = np.concatenate([*by_lane.values()])
-        self._first = np.cumsum([0, *(len(places) for places in by_lane.values())])[:-1]
-        links = [signals.links[places[0]] for places in by_lane.values()]
+        lanes = by_lane(signals.links)
+        self._links = np.concatenate(lanes)
+        self._first = np.cumsum([0, *map(len, lanes)])[:-1]
+        links = [signals.links[places[0]] for places in lanes]
         self.pose: FloatArray = np.array([[*link.stop, link.heading] for link in links])
 
     def closed(self, step: int) -> BoolArray:

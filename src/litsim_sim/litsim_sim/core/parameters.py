@@ -79,7 +79,7 @@ def problems(error: ValidationError, config: type, values: Mapping[str, Any]) ->
 
 
 def not_among(names: Iterable[str], expected: Iterable[str]) -> str:
-    """Returns a text that lists unknown `names`, similar `known` ones, and all `known` ones."""
+    """Returns a text that lists unknown `names`, similar `expected` ones, and all `expected` ones."""
     expected = sorted(expected)
     near = {name: ", ".join(get_close_matches(name, expected)) for name in names}
     texts = [f"{name} (near: {similar})" if similar else name for name, similar in near.items()]

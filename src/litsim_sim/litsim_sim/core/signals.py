@@ -25,6 +25,8 @@ class SignalState(IntEnum):
 
 STOP_STATES = (SignalState.RED, SignalState.RED_AMBER)
 """States that forbid passing the stop line."""
+AMBER_STATES = (SignalState.AMBER, SignalState.AMBER_PERMISSIVE)
+"""States that forbid it to whoever can still stop."""
 
 SUMO_LETTERS = {
     SignalState.UNAVAILABLE: "O",

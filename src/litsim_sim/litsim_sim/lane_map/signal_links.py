@@ -60,7 +60,7 @@ class SignalLink:
 
     @classmethod
     def between(cls, begin: Lane, end: Lane, **more: Any) -> SignalLink:
-        """Returns the connection of two lanes, with what is `known` of it beside their places."""
+        """Returns the connection of two lanes, with `more` that is told of it beside their places."""
         return cls(
             name=f"{begin.id}{ARROW}{end.id}",
             from_lane=begin.id,
@@ -102,6 +102,14 @@ def read_links(path: Path, *, lights: bool = True) -> tuple[SignalLink, ...]:
     except UNREADABLE as error:
         raise unreadable_net(path, error) from error
     return tuple(sorted(links, key=lambda link: link.name))
+
+
+def by_lane(links: Sequence[SignalLink]) -> list[list[int]]:
+    """Returns the places in `links` of the connections from each lane, by the first of them."""
+    places: dict[str, list[int]] = {}
+    for place, link in enumerate(links):
+        places.setdefault(link.from_lane, []).append(place)
+    return [*places.values()]
 
 
 def relation_id(name: str) -> int:
@@ -191,11 +199,8 @@ def crossings(
     half = 0.5 * length[:, None]
     front_x, front_y = x + half * np.cos(yaw), y + half * np.sin(yaw)
     both = valid[:, :-1] & valid[:, 1:]
-    by_lane: dict[str, list[int]] = {}
-    for place, link in enumerate(links):
-        by_lane.setdefault(link.from_lane, []).append(place)
     passages: list[tuple[int, int, int]] = []
-    for places in by_lane.values():
+    for places in by_lane(links):
         line = links[places[0]]
         cos, sin = np.cos(line.heading), np.sin(line.heading)
         dx, dy = front_x - line.stop[0], front_y - line.stop[1]

@@ -146,7 +146,7 @@ def bridge_stage(read: ParameterOverrides) -> BridgeOptions:
 
 @configuration
 class RecorderOptions:
-    """Where and what of a run is recorded.
+    """What the recorder records of a run, and where.
 
     Attributes:
         output: folder of the recording.

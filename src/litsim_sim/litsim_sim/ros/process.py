@@ -131,7 +131,7 @@ def spare_from_collection() -> None:
 
 
 def _init(positional: Sequence[str] = ()) -> None:
-    """Initialise rclpy from the command line, which may hold ROS arguments and `known` ones only."""
+    """Initialise rclpy from the command line, which may hold ROS arguments and `positional` ones only."""
     name = Path(sys.argv[0]).name
     extra = [argument for argument in remove_ros_args(sys.argv)[1:] if argument not in positional]
     if extra[:1] in (["-h"], ["--help"]):

@@ -121,7 +121,7 @@ class CutIn(LaneChange):
 
 
 class CutOut(LaneChange):
-    """A change to the lane to the left, or where there is none to the right; it waits as :class:`Brake` does."""
+    """A change to the left lane, else to the right one; the agent waits for the same ego as in :class:`Brake`."""
 
     kind: Literal["cut_out"]
     sentence = "{agent} cuts out within {duration_s:.1f} s from {begin_s:.1f} s on"

@@ -339,7 +339,7 @@ def count_passages(signals: Signals, log: Log, until: int | None = None) -> dict
 
 
 def check_known(file: SignalsFile, is_known: bool, frames: tuple[int, int], where: str) -> None:
-    """Refuse signals of which no group's state is `known` within `frames`, first and last, of the recording.
+    """Refuse signals of which no group's state `is_known` within `frames`, first and last, of the recording.
 
     Raises an InputError, in which `where` names the signals.
     """

@@ -10,7 +10,7 @@ import numpy as np
 
 from litsim_eval.analysis.measure import KNOWN_OF_EGO, LOWER, Count, Listed, Metrics, family, moments_of
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, IntArray
-from litsim_sim.core.signals import STOP_STATES, SignalState
+from litsim_sim.core.signals import AMBER_STATES, STOP_STATES, SignalState
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.signal_links import crossings
 from litsim_sim.record.run import Run
@@ -43,7 +43,6 @@ class Passage:
         return self.state in STOP_STATES
 
 
-AMBER_STATES = (SignalState.AMBER, SignalState.AMBER_PERMISSIVE)
 REACTION_S, BRAKING_MPS2 = 1.0, 3.05  # within which amber times have drivers stop: ITE's kinematic equation
 CELLS = 1_000_000
 """Most pairs of an agent and a step that are looked at together, which bounds the memory."""

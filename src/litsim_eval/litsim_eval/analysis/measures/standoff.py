@@ -14,7 +14,7 @@ from litsim_data.mining.lane_tracks import true_runs
 from litsim_eval.analysis.measure import KNOWN_OF_EGO, LOWER, Listed, Metrics, family, moments_of
 from litsim_sim.core.geometry import arc_lengths, box_corners, wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentRows, BoolArray, FloatArray, IntArray
-from litsim_sim.core.signals import STOP_STATES, SignalState
+from litsim_sim.core.signals import AMBER_STATES, STOP_STATES, SignalState
 from litsim_sim.core.steps import Steps
 from litsim_sim.lane_map.signal_links import SignalLink
 from litsim_sim.record.run import Run
@@ -24,7 +24,7 @@ LASTS_S = 3.0  # [s] shortest standoff
 NEAR_M, AHEAD_M = 40.0, 40.0  # [m] between the two; of their ways ahead that may cross
 QUEUE_RAD = np.deg2rad(30.0)  # below which the headings of two vehicles that stand in a queue differ
 OFF_WAY_M = 10.0  # [m] from its log beyond which the way of a vehicle is not known
-HELD = (*STOP_STATES, SignalState.AMBER, SignalState.AMBER_PERMISSIVE, SignalState.FLASHING_RED)
+HELD = (*STOP_STATES, *AMBER_STATES, SignalState.FLASHING_RED)
 
 
 @dataclass(frozen=True)
