@@ -41,7 +41,7 @@ setup(
             "litsim = litsim_policy.driving.policy_c:PolicyC",
             "yield = litsim_policy.driving.yield_policy:YieldPolicy",
         ],
-        "litsim.setups": [f"{name} = litsim_policy.setups" for name in ("critic", "paper", "residual")],
+        "litsim.setups": [f"{name} = litsim_policy.setups" for name in ("critic", "paper")],
         "litsim.egos": [
             "bat = litsim_policy.ego.bat:BatEgo",
             "idm = litsim_policy.ego.idm:IdmEgo",

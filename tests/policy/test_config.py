@@ -17,10 +17,9 @@ from litsim_sim.scenario.run_info import driver_names
 ROOT = Path(__file__).parents[2]
 SOURCES = ROOT / "src"
 TRAININGS = (
-    *SOURCES.glob("litsim_research/config/policy_c*.yaml"),
     *SOURCES.glob("litsim_research/config/simnet*.yaml"),
     *SOURCES.glob("litsim_research/config/?ail.yaml"),
-    *SOURCES.glob("litsim_research/*/configs/*.yaml"),
+    *SOURCES.glob("litsim_research/*/configs/**/*.yaml"),
 )
 spec = spec_from_file_location("parameters", ROOT / "tools/parameters.py")
 assert spec is not None and spec.loader is not None

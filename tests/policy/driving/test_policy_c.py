@@ -13,7 +13,7 @@ from litsim_policy.driving.action import HIGH, LOW, consistent, executed_yaw_rat
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import ACCELERATION
 from litsim_policy.driving.policy_c import PolicyC
-from litsim_policy.driving.policy_network import FORMAT, PACKAGED, PolicyNetwork, shipped_weights
+from litsim_policy.driving.policy_network import FORMAT, PACKAGED, PolicyNetwork
 from litsim_policy.driving.registry import make_policy
 from litsim_research.policies.network import GaussianPolicy, driving_network, pedal_bounds, save
 from litsim_sim.core.errors import InputError
@@ -81,7 +81,7 @@ def test_densities_and_the_masses_beyond_the_bounds_on_jerk_sum_to_one(policy, a
     """Over the first action, for the squashed density."""
     seen = np.zeros((1, ObservationConfig().size))
     seen[0, 3] = acceleration / ACCELERATION
-    low, high = (float(bound[0]) for bound in pedal_bounds(seen, ObservationConfig()))
+    low, high = (float(bound[0]) for bound in pedal_bounds(seen))
     inside = torch.linspace(np.tanh(low), np.tanh(high), 20001, dtype=torch.float64)[1:-1]
     first = torch.cat([torch.tensor([low - 1.0, high + 1.0], dtype=torch.float64), torch.atanh(inside)])
     observation = torch.as_tensor(np.repeat(seen, len(first), axis=0), dtype=torch.float32)
@@ -97,29 +97,13 @@ def test_densities_and_the_masses_beyond_the_bounds_on_jerk_sum_to_one(policy, a
 def test_accelerations_beyond_the_bounds_on_jerk_are_all_as_likely(policy) -> None:
     """What they are is not executed, so nothing is to be learned from it; `safety.comfort` has the bounds."""
     seen = np.zeros((3, ObservationConfig().size))
-    low, high = pedal_bounds(seen, ObservationConfig())
+    low, high = pedal_bounds(seen)
     assert physical(np.tanh(np.column_stack([low, low, low])))[0, 0] == pytest.approx(-0.837)
     assert physical(np.tanh(np.column_stack([high, high, high])))[0, 0] == pytest.approx(0.413)
     raw = torch.zeros((3, 3))
     raw[:, 0] = torch.tensor([low[0] - 0.1, low[0] - 0.5, low[0] + 0.01])
     below, far_below, inside = policy.log_probability(torch.as_tensor(seen, dtype=torch.float32), raw).tolist()
     assert below == far_below != inside
-
-
-def test_a_residual_policy_that_knows_nothing_adds_nothing(seen) -> None:
-    config = ObservationConfig(residual=True)
-    policy = GaussianPolicy(config)
-    wider = np.concatenate([seen, seen], axis=1)[:, : config.size]
-    assert (driving_network(policy).mean(wider) == 0.0).all()
-
-
-def test_bounds_on_jerk_are_those_of_the_sum_of_log_and_residual() -> None:
-    config = ObservationConfig(residual=True)
-    seen = np.zeros((1, config.size))
-    seen[0, config.log_at] = -1.0 / ACCELERATION
-    low, high = pedal_bounds(seen, config)
-    assert physical(np.tanh(np.column_stack([low, low, low])))[0, 0] == pytest.approx(1.0 - 0.837)
-    assert physical(np.tanh(np.column_stack([high, high, high])))[0, 0] == pytest.approx(1.0 + 0.413)
 
 
 # Files
@@ -133,9 +117,7 @@ def test_weights_come_back(policy, seen, tmp_path: Path) -> None:
     assert again.observation == policy.observation
 
 
-@pytest.mark.parametrize(
-    "config", [ObservationConfig(5, 40.0), ObservationConfig(ahead=True), ObservationConfig(residual=True)]
-)
+@pytest.mark.parametrize("config", [ObservationConfig(5, 40.0), ObservationConfig(ahead=True)])
 def test_what_is_observed_comes_back(tmp_path: Path, config: ObservationConfig) -> None:
     path = tmp_path / "w.safetensors"
     save(GaussianPolicy(config), path)
@@ -159,8 +141,9 @@ def changed(path: Path, out: Path, tensors: dict[str, torch.Tensor | None], **me
         ({}, {"format": "something else"}, "expected 'litsim policy C, 1'"),
         ({}, {"observation.slots": "9"}, r"hidden0.weight has shape .* expected \(128, 88\)"),
         ({}, {"observation.arrange": "by colour"}, "observation.arrange is 'by colour', expected 'sector'"),
+        ({}, {"observation.residual": "True"}, "observation.residual is 'True', expected 'False'"),
         ({}, {"observation.slots": "many"}, "expected slots a number"),
-        ({}, {"observation.ahead": "perhaps"}, "the others True or False"),
+        ({}, {"observation.ahead": "perhaps"}, "ahead True or False"),
         ({}, {"observation.ahead": "True"}, r"hidden0.weight has shape .* expected \(128, 87\)"),
     ],
 )
@@ -188,7 +171,6 @@ def test_files_that_are_damaged(policy, tmp_path: Path, content: bytes | None) -
 
 @pytest.mark.parametrize("weights", PACKAGED)
 def test_shipped_weights_drive(make_scenario, track, drive, weights: str) -> None:
-    assert PolicyNetwork.load(shipped_weights(weights)).observation.residual == (weights == "residual")
     ego, follower = track(1, x=200.0, last=110), track(2, x=170.0, last=110)
     scenario = make_scenario(ego, follower)
     assert isinstance(make_policy("litsim", scenario), PolicyC)

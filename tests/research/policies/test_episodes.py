@@ -176,9 +176,9 @@ def test_displacement_is_what_the_distance_from_the_log_grows_by(traffic, placed
 
 @pytest.mark.parametrize("ends", [True, False])
 def test_nothing_is_expected_of_who_is_handed_back_where_that_is_said(traffic, *, ends: bool) -> None:
-    """A residual of zero returns to the log, at the latest when the agents' logs end."""
+    """Agents that keep their speed return to their logs, at the latest when these end."""
     config = replace(SMALL, sampled=0, steps_max=70, handback_ends=ends)
-    course, over = Course([traffic], config, ObservationConfig(residual=True)), []
+    course, over = Course([traffic], config), []
     for seed in range(6):
         outcomes = driven(Episodes(course, [course.start(np.random.default_rng(seed))]))
         over += [o.terminated[~o.driven_on] for o in outcomes if not (o.terms.collision | o.terms.off_road).any()]
@@ -190,10 +190,10 @@ def test_sampled_agents_are_driven_to_the_ends_of_their_logs_where_a_hand_back_e
 ) -> None:
     """Their logs end on the road, ahead of the ego and long before the recording does."""
     tracks = track(1, x=100.0, last=200), track(2, x=140.0, last=40)
-    scenario, residual = make_scenario(*tracks), ObservationConfig(residual=True)
+    scenario = make_scenario(*tracks)
     for ends in (True, False):
         config = EnvironmentConfig(steps_max=150, slots=2, sampled=1, sample_steps=150, handback_ends=ends)
-        course = Course([scenario], config, residual)
+        course = Course([scenario], config)
         outcomes = driven(Episodes(course, [course.start(np.random.default_rng(0))]))
         last = outcomes[-1]
         assert bool(last.terminated[0]) == ends and not last.driven_on[0]

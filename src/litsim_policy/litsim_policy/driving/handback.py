@@ -65,22 +65,18 @@ def along_log(log: Log, agents: PathFollowers, lag: IntArray) -> FloatArray:
 
 
 class OwnLogs:
-    """Logs as something that drives: on as the own log does, with a lag, and within the rules.
-
-    Attributes:
-        log: of all agents.
-    """
+    """Logs as something that drives: on as the own log does, with a lag, and within the rules."""
 
     def __init__(self, scenario: Setting, *, rules: bool = True) -> None:
-        self.log, self._rules, self._stop_lines = scenario.log, rules, StopLines(scenario.signals)
+        self._log, self._rules, self._stop_lines = scenario.log, rules, StopLines(scenario.signals)
 
     def onwards(self, agents: PathFollowers, lag: IntArray) -> FloatArray:
         """Returns accelerations (m,) [m/s2] of agents whose logs lag by `lag` (m,) steps."""
-        return along_log(self.log, agents, lag)
+        return along_log(self._log, agents, lag)
 
     def speed(self, agents: PathFollowers, lag: IntArray) -> FloatArray:
         """Returns the speeds (m,) [m/s] of these logs."""
-        return self.log.speed[logged(self.log, agents, lag)]
+        return self._log.speed[logged(self._log, agents, lag)]
 
     def yielding(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
         """Returns `wanted` (m,) [m/s2], or less where a rule or a red light demands it.

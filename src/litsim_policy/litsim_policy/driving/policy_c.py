@@ -15,8 +15,9 @@ from litsim_policy.driving.handback import COMFORTABLE, OwnLogs
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.policy_network import PACKAGED, ForeignPolicy, PolicyNetwork, load_policy, shipped_weights
 from litsim_policy.driving.safety.layer import SafetyConfig, SafetyLayer
-from litsim_policy.driving.task import DrivingScene
+from litsim_policy.driving.task import DrivingScene, lag_of
 from litsim_policy.driving.yield_policy import YieldPolicy
+from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.quantities import Flag, configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
@@ -31,10 +32,9 @@ class PolicyCConfig:
     """Parameters of :class:`PolicyC`.
 
     Attributes:
-        weights: `none` for no network: agents drive on as their logs do, with the present lag. `residual` is a packaged
-            network that adds to that, `critic` one that drives alone, trained with a critic after the paper. Else a
-            file that ``litsim_research train policy`` has written, or an ONNX file (*.onnx) of a network that was
-            trained in the environment ``litsim/Takeover-v0``.
+        weights: `none` for no network: agents drive on as their logs do, with the present lag. `critic` is the packaged
+            network, trained with a critic after the paper. Else a file that ``litsim_research train policy`` has
+            written, or an ONNX file (*.onnx) of a network that was trained in the environment ``litsim/Takeover-v0``.
         rules: whether agents keep their distance, make room, and wait for crossing ones, whatever drives them.
         drivers: `median` for agents that follow those ahead as people usually do, whatever drives them; `drawn` for
             drivers that differ as people do, drawn by the scenario's seed; `none` for no car following.
@@ -59,16 +59,10 @@ class PolicyCConfig:
         return load_policy(shipped_weights(self.weights) if self.weights in PACKAGED else Path(self.weights))
 
 
-def executed(scene: DrivingScene, action: FloatArray, *, residual: bool) -> tuple[FloatArray, FloatArray]:
-    """Accelerations [m/s2] and yaw rates [rad/s] (m,) of the agents of `scene` for actions (m, 3) in [-1, 1].
-
-    With `residual`, the actions are added to what drives the agents on as their logs do, along their paths.
-    """
+def executed(scene: DrivingScene, action: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Accelerations [m/s2] and yaw rates [rad/s] (m,) of the agents of `scene` for actions (m, 3) in [-1, 1]."""
     wanted = physical(action)
-    acceleration, yaw_rate = wanted[:, 0], executed_yaw_rate(wanted, scene.agents.speed)
-    if residual:
-        return acceleration + scene.onwards, yaw_rate + scene.agents.path_yaw_rate
-    return acceleration, yaw_rate
+    return wanted[:, 0], executed_yaw_rate(wanted, scene.agents.speed)
 
 
 def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray, safety: SafetyLayer) -> ControlTable:
@@ -120,25 +114,26 @@ class PolicyC(Policy):
 
     def _keep(self, table: AgentTable, keeping: Sequence[Takeover]) -> ControlTable:
         """Returns controls of agents that keep to their paths."""
-        scene = DrivingScene.of_takeovers(self._lane_map, table, keeping, self._logs)
+        scene = DrivingScene.of_takeovers(self._lane_map, table, keeping)
         if not len(scene):
             return ControlTable.empty(table.step)
         if self._driving is None:
-            acceleration, yaw_rate = self._onwards(scene), scene.agents.path_yaw_rate
+            acceleration, yaw_rate = self._onwards(scene.agents, keeping), scene.agents.path_yaw_rate
         else:
             network, observer = self._driving
-            action = network.mean(observer.features(scene))
-            acceleration, yaw_rate = executed(scene, action, residual=network.observation.residual)
+            acceleration, yaw_rate = executed(scene, network.mean(observer.features(scene)))
         if self._follower is not None:
             since = np.array([takeover.detected_step for takeover in keeping])
             acceleration = self._follower.limited(scene.agents, acceleration, since)
         return guarded(scene, self._logs.yielding(scene.agents, acceleration), yaw_rate, self._safety)
 
-    def _onwards(self, scene: DrivingScene) -> FloatArray:
+    def _onwards(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
         """Returns accelerations (m,) [m/s2] with which the agents drive on as their logs do, or with those ahead."""
+        lag = np.array([lag_of(takeover) for takeover in takeovers])
+        onwards = self._logs.onwards(agents, lag)
         if self._follower is None:
-            return scene.onwards
-        return self._follower.along(scene.agents, scene.onwards, self._logs.speed(scene.agents, scene.lag))
+            return onwards
+        return self._follower.along(agents, onwards, self._logs.speed(agents, lag))
 
     def _by_rules(self, table: AgentTable, takeovers: Sequence[Takeover]) -> ControlTable:
         """Returns controls of agents that policy `yield` drives."""

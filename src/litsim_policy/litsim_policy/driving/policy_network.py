@@ -22,13 +22,15 @@ from litsim_sim.core.scene import FloatArray
 HIDDEN = 128
 LAYERS = ("hidden0", "hidden1", "mean")
 FORMAT = "litsim policy C, 1"
-PACKAGED = ("residual", "critic")
+PACKAGED = ("critic",)
 PARSED: dict[str, Callable[[str], Any]] = {
     "slots": int,
     "sight": float,
-    **dict.fromkeys(("ahead", "residual"), {"True": True, "False": False}.__getitem__),
+    "ahead": {"True": True, "False": False}.__getitem__,
 }
 """How each field of the observation is read from a file's metadata."""
+RETIRED = {"observation.arrange": "sector", "observation.residual": "False"}
+"""Fields of the metadata that only files of earlier versions have, with the value that is still driven with."""
 
 
 @dataclass(frozen=True)
@@ -90,15 +92,16 @@ def shipped_weights(name: str) -> Path:
 
 def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:
     """Returns the observation in a file's metadata; older files lack fields."""
-    usual = {"observation.ahead": "False", "observation.residual": "False"}
+    for name, expected in RETIRED.items():
+        if (given := metadata.get(name, expected)) != expected:
+            raise InputError(f"{path}: metadata {name} is {given!r}, expected {expected!r}")
+    usual = {"observation.ahead": "False"}
     values = {field: (usual | metadata).get(f"observation.{field}", "") for field in vars(ObservationConfig())}
-    if (arranged := metadata.get("observation.arrange", "sector")) != "sector":  # which newer files do not tell
-        raise InputError(f"{path}: metadata observation.arrange is {arranged!r}, expected 'sector'")
     try:
         return ObservationConfig(**{field: parse(values[field]) for field, parse in PARSED.items()})
     except (ValueError, KeyError) as error:
-        given = ", ".join(f"{field} {value!r}" for field, value in values.items())
+        found = ", ".join(f"{field} {value!r}" for field, value in values.items())
         raise InputError(
-            f"{path}: metadata observation is {given}, expected slots a number, sight in "
-            "metres, and the others True or False"
+            f"{path}: metadata observation is {found}, expected slots a number, sight in "
+            "metres, and ahead True or False"
         ) from error

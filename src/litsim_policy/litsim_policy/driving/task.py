@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from litsim_policy.driving.handback import OwnLogs
 from litsim_policy.motion.along_path import Poses
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
@@ -30,7 +28,6 @@ class DrivingTask:
         goal: (2,) the conflict's crossing point, x and y in frame map [m].
         due_step: step at which the agent, had it followed its log, was expected there.
         opponent: id of the agent with which it is in conflict; NOBODY for none.
-        lag: steps by which the log lags that it would return to now.
     """
 
     agent: int
@@ -38,7 +35,6 @@ class DrivingTask:
     goal: FloatArray
     due_step: int
     opponent: int = NOBODY
-    lag: int = 0
 
 
 @dataclass
@@ -48,8 +44,7 @@ class DrivingScene:
     Attributes:
         id: (m,) of the agents.
         agents: the agents on their paths.
-        goal, due_step, opponent, lag: (m, 2), (m,), (m,), (m,) as in :class:`DrivingTask`.
-        logs: of all agents; None if the agents are not driven along theirs.
+        goal, due_step, opponent: (m, 2), (m,), (m,) as in :class:`DrivingTask`.
     """
 
     id: IntArray
@@ -57,17 +52,9 @@ class DrivingScene:
     goal: FloatArray
     due_step: IntArray
     opponent: IntArray
-    lag: IntArray
-    logs: OwnLogs | None = None
 
     def __len__(self) -> int:
         return len(self.id)
-
-    @cached_property
-    def onwards(self) -> FloatArray:
-        """Accelerations (m,) [m/s2] with which the agents drive on as their logs do; see :class:`.handback.OwnLogs`."""
-        assert self.logs is not None
-        return self.logs.onwards(self.agents, self.lag)
 
     @classmethod
     def of(
@@ -79,22 +66,19 @@ class DrivingScene:
             table,
             [task.path.points for task in tasks],
             [task.goal for task in tasks],
-            [(task.agent, task.due_step, task.opponent, task.lag) for task in tasks],
+            [(task.agent, task.due_step, task.opponent) for task in tasks],
             poses,
         )
 
     @classmethod
-    def of_takeovers(
-        cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover], logs: OwnLogs | None = None
-    ) -> DrivingScene:
+    def of_takeovers(cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover]) -> DrivingScene:
         """Returns the scene of agents that were taken over, all of which are in `table`."""
         return cls.on_paths(
             lane_map,
             table,
             [t.reference_path for t in takeovers],
             [t.goal_pose[:2] for t in takeovers],
-            [(t.agent, due_step(t), opponent_of(t), lag_of(t)) for t in takeovers],
-            logs=logs,
+            [(t.agent, due_step(t), opponent_of(t)) for t in takeovers],
         )
 
     @classmethod
@@ -104,14 +88,13 @@ class DrivingScene:
         table: AgentTable,
         points: Sequence[FloatArray],
         goals: Sequence[FloatArray] | Sequence[tuple[float, float]],
-        numbers: Sequence[tuple[int, int, int, int]],
+        numbers: Sequence[tuple[int, int, int]],
         poses: Poses | None = None,
-        logs: OwnLogs | None = None,
     ) -> DrivingScene:
-        """Returns the scene of m agents on paths to goals; `numbers` are id, due step, opponent and lag of each."""
-        ids, due, opponent, lag = np.array(numbers, np.int64).reshape(-1, 4).T
+        """Returns the scene of m agents on paths to goals; `numbers` are id, due step and opponent of each."""
+        ids, due, opponent = np.array(numbers, np.int64).reshape(-1, 3).T
         agents = PathFollowers(lane_map, table, table.rows(ids), PathBatch.of(points), poses)
-        return cls(ids, agents, np.array(goals, np.float64).reshape(-1, 2), due, opponent, lag, logs)
+        return cls(ids, agents, np.array(goals, np.float64).reshape(-1, 2), due, opponent)
 
 
 def due_step(takeover: Takeover) -> int:

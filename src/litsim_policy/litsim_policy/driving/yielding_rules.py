@@ -145,7 +145,7 @@ def make_room(wanted: Floats, paths: PathBatch, own_s: Floats, agents: AgentArra
 
 
 @kernel
-def contact_time(
+def _contact_time(
     pedal: float, paths: PathBatch, p: int, own_s: float, agents: AgentArrays, own: int, j: int, arc: Floats2
 ) -> float:
     """Time [s] until agent `own`, at acceleration `pedal` on path `p`, runs into agent `j` on its `arc`; else infinity.
@@ -173,12 +173,12 @@ def contact_time(
 
 
 @kernel
-def in_reach(pedal: float, agents: AgentArrays, own: int, j: int, horizon: float) -> bool:
-    """Whether agent `own`, at acceleration `pedal`, and agent `j` can meet within `horizon` [s], wherever they head."""
+def _in_reach(pedal: float, agents: AgentArrays, own: int, j: int) -> bool:
+    """Whether agents `own`, at acceleration `pedal`, and `j` can meet within CROSSING_HORIZON, wherever they head."""
     dx, dy = agents.x[j] - agents.x[own], agents.y[j] - agents.y[own]
     reach = 0.5 * (agents.length[j] + agents.length[own]) + agents.width[j] + agents.width[own] + 2.0 * CROSSING_MARGIN
     faster = max(pedal, 0.0) + max(agents.acceleration[j], 0.0)
-    reach += horizon * (agents.speed[own] + agents.speed[j] + 0.5 * horizon * faster)
+    reach += CROSSING_HORIZON * (agents.speed[own] + agents.speed[j] + 0.5 * CROSSING_HORIZON * faster)
     return dx * dx + dy * dy < reach * reach
 
 
@@ -201,7 +201,7 @@ def _pedal_for(wanted: float, paths: PathBatch, p: int, own_s: float, agents: Ag
     for k in range(len(strengths) + 1):
         if k > 0:
             pedal = min(wanted, -strengths[k - 1])
-        if contact_time(pedal, paths, p, own_s, agents, own, j, arc) == np.inf:
+        if _contact_time(pedal, paths, p, own_s, agents, own, j, arc) == np.inf:
             break
     return pedal
 
@@ -212,7 +212,7 @@ def wait_for_crossing(
 ) -> Floats:
     """Accelerations (m,) [m/s2] with which agents wait for `others` that cross their paths, if less than they want.
 
-    An agent that would run into the side of one (:func:`contact_time`) brakes as little as necessary: by a third of
+    An agent that would run into the side of one (:func:`_contact_time`) brakes as little as necessary: by a third of
     the courtesy deceleration, two thirds, or all of it; for walkers and cyclists, as hard as it can if that is not
     enough. The mask `others` is (n,); all other arguments are those of :func:`make_room`.
     """
@@ -220,7 +220,7 @@ def wait_for_crossing(
     for i in range(len(rows)):
         own = rows[i]
         for j in range(begin[i], end[i]):
-            if others[j] and _waits_for(agents, own, j) and in_reach(eased[i], agents, own, j, CROSSING_HORIZON):
+            if others[j] and _waits_for(agents, own, j) and _in_reach(eased[i], agents, own, j):
                 eased[i] = _pedal_for(eased[i], paths, i, own_s[i], agents, own, j)
     return eased
 

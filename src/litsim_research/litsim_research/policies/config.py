@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_research.policies.critic import CriticConfig
@@ -24,8 +24,6 @@ class TrainConfig(BaseModel):
         transitions: least number of agent-steps in an iteration.
         critic_reward: weight of the critic's reward, which is shifted to mean 0 and scaled down to standard deviation 1
             where it is larger.
-        rule_rounds: rounds of the warm start in which a residual policy drives and learns from the rules, which it is
-            trained without; 0 for none.
         validate_every: iterations between validations.
         validation_episodes: episodes in a validation.
         validate_conflicts: whether only agents that are taken over in conflicts are driven in a validation, behind egos
@@ -38,7 +36,6 @@ class TrainConfig(BaseModel):
     iterations: int = Field(200, gt=0)
     transitions: int = Field(3072, gt=0)
     critic_reward: float = Field(0.3, ge=0)
-    rule_rounds: int = Field(0, ge=0)
     validate_every: int = Field(20, gt=0)
     validation_episodes: int = Field(20, gt=0)
     validate_conflicts: bool = False
@@ -51,20 +48,3 @@ class TrainConfig(BaseModel):
     warm_start: WarmStart = WarmStart()  # type: ignore[call-arg]
     critic: CriticConfig = CriticConfig()
     ppo: PpoConfig = PpoConfig()
-
-    @property
-    def imitates(self) -> bool:
-        """Whether anything is learned from recorded drivers."""
-        cloned = self.warm_start.epochs and not self.rule_rounds
-        return bool(self.critic_reward or self.ppo.imitation_weight or cloned)
-
-    @model_validator(mode="after")
-    def _check(self) -> TrainConfig:
-        if self.observation.residual and self.imitates:
-            raise ValueError(
-                "observation.residual is true, expected critic_reward and ppo.imitation_weight of 0, and "
-                "rule_rounds or warm_start.epochs of 0: what drivers did is what a residual is added to"
-            )
-        if self.rule_rounds and not self.observation.residual:
-            raise ValueError("rule_rounds are given, expected observation.residual: rules add to driving along the log")
-        return self

@@ -75,11 +75,9 @@ class DataConfig(BaseModel):
         generated, real: see :class:`Generated` and :class:`RealWindow`.
         following: whether people's car following at hand is driven and learned from, too (:mod:`.following`).
         following_share: share of the draws of an episode's scenario that fall on it.
-        real_weight: weight of a real window when a scenario is drawn, since they are few; in validation, weight of the
-            scenarios of `tuning`.
+        real_weight: weight of a real window when a scenario is drawn, since they are few.
         scenarios: names or files of further scenarios for training.
         validation: names or files of further scenarios for validation.
-        tuning: names or files of scenarios for validation around their tuning egos, on which no results are reported.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -91,7 +89,6 @@ class DataConfig(BaseModel):
     real_weight: int = Field(1, gt=0)
     scenarios: tuple[str, ...] = ()
     validation: tuple[str, ...] = ()
-    tuning: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _is_apart(self) -> DataConfig:
@@ -142,7 +139,6 @@ def prepare(config: DataConfig, folder: Path) -> TrainingData:
     train += windows * config.real_weight
     train += [_unreported(name) for name in config.scenarios]
     validation += [_unreported(name) for name in config.validation]
-    validation += [_around_tuning_egos(name) for name in config.tuning] * config.real_weight
     following: list[Scenario] = []
     if config.following:
         following, followed = following_scenarios(_data_folder("following", PAIRS))
@@ -151,7 +147,7 @@ def prepare(config: DataConfig, folder: Path) -> TrainingData:
     if not train:
         raise InputError("data: no scenario to train on, expected generated, real or scenarios")
     if not validation:
-        raise InputError("data: no scenario to validate on, expected validation, tuning, or more generated segments")
+        raise InputError("data: no scenario to validate on, expected validation, or more generated segments")
     real = frozenset(scenario.name for scenario in [*windows, *following])
     reported = reported_drivers() if windows else frozenset()
     return TrainingData(tuple(train), tuple(validation), real, {window.name: reported for window in windows})
@@ -185,15 +181,6 @@ def _unreported(name: str) -> Scenario:
             f"which results are reported"
         )
     return scenario
-
-
-def _around_tuning_egos(name: str) -> Scenario:
-    """The scenario of that name or file, with its tuning egos in place of those on which results are reported."""
-    scenario = Scenario.load(name)
-    if not scenario.tuning_egos:
-        raise InputError(f"data: field tuning: scenario {name} has no tuning egos")
-    egos = list(scenario.tuning_egos)
-    return Scenario.load(name, ego=egos[0], egos=egos, tuning=[])
 
 
 def _real(window: RealWindow, folder: Path) -> Scenario:

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from gymnasium.utils import seeding
 
-from litsim_policy.driving.action import ACTIONS, consistent, normalised
+from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
-from litsim_policy.driving.handback import OwnLogs
 from litsim_policy.driving.policy_c import executed, guarded
 from litsim_policy.driving.safety.layer import SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import NOBODY, DrivingScene, due_step, opponent_of
@@ -104,7 +103,6 @@ class Outcome:
         penalty: (m,) weighted sum, at most 0.
         terms: the penalties before weights, of the agents in `present`.
         present: ids of the agents that are still in the scene.
-        advice: (m, 3) actions in [-1, 1] with which a residual policy would have kept to the rules; zeros for others.
         terminated: (m,) whether no penalties can follow: the agent has collided, or, with `off_road_ends`, left the
             road, or, with `handback_ends`, is handed back or at the end of its log.
         driven_on: (m,) whether the agent is driven in the next step.
@@ -113,7 +111,6 @@ class Outcome:
     agents: IntArray
     following: FloatArray
     executed: FloatArray
-    advice: FloatArray
     penalty: FloatArray
     terms: Penalties
     present: IntArray
@@ -173,7 +170,6 @@ class Episodes:
         self.batch = self._simulation.batch
         self.safety = SafetyLayer(course.safety)
         self._guard = SafetyLayer()  # for the penalty only
-        self._logs, self._rules = OwnLogs(self.batch, rules=False), OwnLogs(self.batch)
         self._observer = Observer(self.batch.lane_map, course.observation)
         totals = np.array([scenario.total_steps for scenario in scenarios])
         self._end = np.minimum(totals, self.batch.history_steps + self._config.steps_max)
@@ -205,16 +201,11 @@ class Episodes:
     def step(self, action: FloatArray) -> Outcome:
         """Drive the :attr:`driven` agents by `action` (m, 3) in [-1, 1], others off their logs by policy yield."""
         before, tasks, scene = self._table, self._tasks, self._scene
-        acceleration, yaw_rate = executed(scene, action, residual=self._course.observation.residual)
-        advice = np.zeros((len(scene), len(ACTIONS)))
-        if self._course.observation.residual:
-            acceleration = self._logs.yielding(scene.agents, acceleration)
-            advice[:, 0] = self._rules.yielding(scene.agents, scene.onwards) - scene.onwards
-        command = acceleration, yaw_rate
+        command = executed(scene, action)
         needed = self._guard.guard(scene, *command).guarded
         self._simulation.step(controls=guarded(scene, *command, self.safety))
         self._choose()
-        outcome = self._outcome(before, scene.id, tasks, needed, normalised(advice))
+        outcome = self._outcome(before, scene.id, tasks, needed)
         over = self.step_number >= self._end
         if self._failure_ends:
             over[self.batch.log.scene[outcome.present[self._fails(outcome.terms)]]] = True
@@ -263,9 +254,7 @@ class Episodes:
                 self._tasks.append(tasks[agent])
         self._scene = self._with_tasks(self._tasks)
 
-    def _outcome(
-        self, before: AgentTable, driven: IntArray, tasks: list[_Task], needed: BoolArray, advice: FloatArray
-    ) -> Outcome:
+    def _outcome(self, before: AgentTable, driven: IntArray, tasks: list[_Task], needed: BoolArray) -> Outcome:
         """The outcome of the step from `before` to now.
 
         Args:
@@ -273,7 +262,6 @@ class Episodes:
             driven: (m,) ids of the agents that were driven.
             tasks: of these.
             needed: (m,) whether the guard would have changed the command.
-            advice: (m, 3) as in the outcome.
         """
         after = self._table
         rows = after.rows(driven)
@@ -304,7 +292,7 @@ class Episodes:
             held = {t.agent for t in self._takeovers if t.state.drives_on}
             back = np.array([agent not in held for agent in driven.tolist()], np.bool_)
             terminated |= (back & ~still) | ~here
-        return Outcome(driven, following, motion, advice, penalty, terms, driven[here], terminated, driven_on)
+        return Outcome(driven, following, motion, penalty, terms, driven[here], terminated, driven_on)
 
     def _fails(self, terms: Penalties) -> BoolArray:
         """Returns whether the agents have failed in a step (m,)."""
@@ -324,17 +312,12 @@ class Episodes:
 
     def _with_tasks(self, tasks: Sequence[_Task]) -> DrivingScene:
         """The current scene of the agents with `tasks`."""
-        table, log = self._table, self.batch.log
-        ids = np.array([task.agent for task in tasks], np.int64)
-        rows = table.rows(ids)
-        lags = log.lags(log.ids.searchsorted(ids), table.step, table.x[rows], table.y[rows])
         return DrivingScene.on_paths(
             self.batch.lane_map,
-            table,
+            self._table,
             [task.points for task in tasks],
             [task.goal for task in tasks],
-            [(task.agent, task.due_step, task.opponent, lag) for task, lag in zip(tasks, lags.tolist(), strict=True)],
-            logs=self._logs,
+            [(task.agent, task.due_step, task.opponent) for task in tasks],
         )
 
 

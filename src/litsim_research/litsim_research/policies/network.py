@@ -21,7 +21,6 @@ from litsim_research.predictors.checkpoint import save_weights
 from litsim_sim.core.scene import STEP_S, FloatArray
 
 LOG_STD_START = (-1.2, -2.5, -2.5)  # of the actions before tanh: accelerations vary more than steering
-RESIDUAL_LOG_STD_START = (-2.3, -3.7, -3.7)  # of residual policies, which begin as something that drives
 BOUND_MAX = 0.999  # largest action for which the inverse of tanh is taken
 SQUASH_FLOOR = 1e-6  # keeps the density finite where an action is close to +-1
 
@@ -81,10 +80,8 @@ class GaussianPolicy(StochasticPolicy):
         self.hidden0 = nn.Linear(observation.size, HIDDEN)
         self.hidden1 = nn.Linear(HIDDEN, HIDDEN)
         self.mean = nn.Linear(HIDDEN, len(ACTIONS))
-        residual = observation.residual
-        self.log_std = nn.Parameter(torch.tensor(RESIDUAL_LOG_STD_START if residual else LOG_STD_START))
-        # a residual policy that knows nothing adds nothing
-        for layer, gain in ((self.hidden0, 2**0.5), (self.hidden1, 2**0.5), (self.mean, 0.0 if residual else 0.01)):
+        self.log_std = nn.Parameter(torch.tensor(LOG_STD_START))
+        for layer, gain in ((self.hidden0, 2**0.5), (self.hidden1, 2**0.5), (self.mean, 0.01)):
             nn.init.orthogonal_(layer.weight, gain)
             nn.init.zeros_(layer.bias)
 
@@ -102,28 +99,22 @@ class GaussianPolicy(StochasticPolicy):
         # validation of the arguments would take longer than the density
         gaussian = torch.distributions.Normal(mean, std, validate_args=False).log_prob(raw)
         density = gaussian - torch.log(1.0 - torch.tanh(raw) ** 2 + SQUASH_FLOOR)
-        low, high = (
-            torch.as_tensor(bound, dtype=mean.dtype) for bound in pedal_bounds(observation.numpy(), self.observation)
-        )
+        low, high = (torch.as_tensor(bound, dtype=mean.dtype) for bound in pedal_bounds(observation.numpy()))
         below = torch.special.log_ndtr((low - mean[:, 0]) / std[0])
         above = torch.special.log_ndtr((mean[:, 0] - high) / std[0])
         pedal = torch.where(raw[:, 0] <= low, below, torch.where(raw[:, 0] >= high, above, density[:, 0]))
         return pedal + density[:, 1] + density[:, 2]
 
 
-def pedal_bounds(observation: FloatArray, config: ObservationConfig) -> tuple[FloatArray, FloatArray]:
+def pedal_bounds(observation: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest acceleration within the bounds on jerk, (m,) each, as actions before tanh.
 
     Args:
         observation: (m, size).
-        config: of the observation; if it is that of a residual policy, actions are added to an acceleration in it.
     """
     rise, fall = JERK_MAX * STEP_S, BRAKING_JERK_MAX * STEP_S
     before = np.clip(observation[:, 3] * ACCELERATION, -DECELERATION_MAX, ACCELERATION_MAX)
     low, high = np.maximum(before - fall, -DECELERATION_MAX), np.minimum(before + rise, ACCELERATION_MAX)
-    if config.residual:
-        onwards = observation[:, config.log_at] * ACCELERATION
-        low, high = low - onwards, high - onwards
     scaled = (np.where(bound < 0.0, -bound / LOW[0], bound / HIGH[0]) for bound in (low, high))
     below, above = (np.arctanh(np.clip(bound, -BOUND_MAX, BOUND_MAX)) for bound in scaled)
     return below, above
@@ -156,7 +147,7 @@ class Sampler:
         raw = mean if noise is None else mean + self.std * noise
         gaussian = -0.5 * ((raw - mean) / self.std) ** 2 - np.log(self.std) - 0.5 * np.log(2.0 * np.pi)
         density = gaussian - np.log(1.0 - np.tanh(raw) ** 2 + SQUASH_FLOOR)
-        low, high = pedal_bounds(observation, self.network.observation)
+        low, high = pedal_bounds(observation)
         below, above = log_ndtr((low - mean[:, 0]) / self.std[0]), log_ndtr((mean[:, 0] - high) / self.std[0])
         density[:, 0] = np.where(raw[:, 0] <= low, below, np.where(raw[:, 0] >= high, above, density[:, 0]))
         return raw, density.sum(axis=1)

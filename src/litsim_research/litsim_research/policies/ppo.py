@@ -68,7 +68,6 @@ class Track:
         penalty: (T,) at most 0.
         terminated: whether the track ended in a collision or off the road, rather than with a hand-over or the end of
             the episode.
-        advice: (T, 3) actions in [-1, 1] that the rules would have taken; None where nothing is learned from rules.
         recorded: whether the ego of the episode drove as recorded.
     """
 
@@ -78,7 +77,6 @@ class Track:
     executed: FloatArray
     penalty: FloatArray
     terminated: bool
-    advice: FloatArray | None = None
     recorded: bool = False
 
     def __len__(self) -> int:

@@ -185,7 +185,7 @@ def _drive_batch(episodes: Episodes, sampler: Sampler, generators: Sequence[torc
         raw, density = sampler.sample(before, None if generators is None else _noise(scene, generators))
         outcome = episodes.step(np.tanh(raw))
         for k, agent in enumerate(outcome.agents.tolist()):
-            step = (before[k], raw[k], density[k], outcome.executed[k], outcome.penalty[k], outcome.advice[k])
+            step = (before[k], raw[k], density[k], outcome.executed[k], outcome.penalty[k])
             open_tracks[agent].append(step)
             if not outcome.driven_on[k]:
                 ended = bool(outcome.terminated[k])
@@ -239,6 +239,6 @@ def validate(episodes: Iterable[Episode], config: TrainConfig) -> dict[str, floa
 
 def _track(steps: list[tuple[np.ndarray, ...]], following: np.ndarray, *, terminated: bool) -> Track:
     """The track of one agent, from its steps in :func:`_drive_batch` and the observation (size,) after the last."""
-    observation, raw, density, executed, penalty, advice = (np.array(column) for column in zip(*steps, strict=True))
+    observation, raw, density, executed, penalty = (np.array(column) for column in zip(*steps, strict=True))
     seen = np.concatenate([observation, following[None]])
-    return Track(seen, raw, density, executed, penalty, terminated, advice)
+    return Track(seen, raw, density, executed, penalty, terminated)

@@ -1,8 +1,8 @@
 """`train`: train policy C on recorded drivers, with a critic and PPO (paper, section III-C).
 
 1. Scenarios: generated segments and real windows, on none of which results are reported.
-2. Experts, if anything is learned from them: observations and actions of the recorded drivers in them.
-3. Warm start: behaviour cloning of these drivers, and of the way back to the path from displaced poses; or of rules.
+2. Experts: observations and actions of the recorded drivers in them.
+3. Warm start: behaviour cloning of these drivers, and of the way back to the path from displaced poses.
 4. Iterations: drive episodes; train the critic on drivers and on the states and actions of these episodes; reward the
    policy by the critic, less penalties for collisions and the like; update it by PPO.
 
@@ -20,21 +20,20 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from tqdm import tqdm, trange
+from tqdm import tqdm
 
 from litsim_research.policies.checkpoint import BEST, CHECKPOINT, CURVES, Training
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.critic import driven_pairs, expert_pairs_of, update_critic
 from litsim_research.policies.data import TrainingData, prepare
 from litsim_research.policies.expert import expert_pairs
-from litsim_research.policies.network import GaussianPolicy, driving_network
-from litsim_research.policies.ppo import Demonstrations, tensor
+from litsim_research.policies.network import driving_network
+from litsim_research.policies.ppo import Demonstrations
 from litsim_research.policies.rollout import Driving, Episode, begin, begin_validation, collect, validate
 from litsim_research.policies.rollout_pool import rollouts
 from litsim_research.policies.training_program import training_parser, training_program
 from litsim_research.policies.warm_start import clone
 from litsim_sim.cli.program import at_least_one, program
-from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.yaml_input import read_yaml
 
 
@@ -59,17 +58,13 @@ def _train(
 ) -> None:
     """Make the warm start, unless `training` is resumed; then the remaining iterations."""
     config = training.config
-    recorded = shown = None
-    if config.imitates:
-        random = np.random.default_rng([config.seed, 1])
-        experts = expert_pairs(
-            data.each_once, config.observation, config.expert, config.task, random, data.real, data.reported
-        )
-        recorded, shown = experts.demonstrations(config.expert.real_share)
-        if not training.history:
-            clone(training.policy, shown, config.warm_start, config.seed, shown.error)
-    elif not training.history:
-        learn_rules(training.policy, driving, config, progress=progress)
+    random = np.random.default_rng([config.seed, 1])
+    experts = expert_pairs(
+        data.each_once, config.observation, config.expert, config.task, random, data.real, data.reported
+    )
+    recorded, shown = experts.demonstrations(config.expert.real_share)
+    if not training.history:
+        clone(training.policy, shown, config.warm_start, config.seed, shown.error)
     with tqdm(total=config.iterations, initial=len(training.history), unit="iteration", disable=not progress) as bar:
         for iteration in range(len(training.history), config.iterations):
             started = time.perf_counter()
@@ -99,13 +94,13 @@ def _validated(training: Training, validation: Driving, out: Path) -> dict[str, 
 def _iterate(
     training: Training,
     episodes: Iterator[Episode],
-    recorded: Demonstrations | None,
-    shown: Demonstrations | None,
+    recorded: Demonstrations,
+    shown: Demonstrations,
     iteration: int,
 ) -> dict[str, float]:
     """Make one iteration: drive `episodes`, train the critic on `recorded`, reward, and update the policy.
 
-    The update also keeps the policy near the demonstrations `shown`. Without `recorded`, the penalties are the reward.
+    The update also keeps the policy near the demonstrations `shown`.
 
     Returns:
         entry of the history: rates of :func:`litsim_research.policies.rollout.collect`, means of critic and update.
@@ -115,25 +110,23 @@ def _iterate(
     """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
-    critic: dict[str, float] = {}
     tracks, counts = collect(episodes)
-    reward = np.concatenate([track.penalty for track in tracks])
-    if recorded is not None:
-        driven = driven_pairs(tracks, config.observation)
-        comparable = driven[np.repeat([track.recorded for track in tracks], [len(track) for track in tracks])]
-        own = comparable if len(comparable) else driven
-        expert = expert_pairs_of(recorded, len(own), training.policy.std(), config.observation, generator)
-        critic = update_critic(training.critic, training.critic_optimiser, expert, own, config.critic, generator)
-        logit = training.critic.reward(driven, config.critic.reward_limit).double().numpy()
-        reward = config.critic_reward * (logit - logit.mean()) / max(logit.std(), 1.0) + reward  # never amplified
-        critic["critic_reward"] = float(logit.mean())
+    driven = driven_pairs(tracks, config.observation)
+    comparable = driven[np.repeat([track.recorded for track in tracks], [len(track) for track in tracks])]
+    own = comparable if len(comparable) else driven
+    expert = expert_pairs_of(recorded, len(own), training.policy.std(), config.observation, generator)
+    critic = update_critic(training.critic, training.critic_optimiser, expert, own, config.critic, generator)
+    logit = training.critic.reward(driven, config.critic.reward_limit).double().numpy()
+    judged = config.critic_reward * (logit - logit.mean()) / max(logit.std(), 1.0)  # never amplified
+    reward = judged + np.concatenate([track.penalty for track in tracks])
+    critic["critic_reward"] = float(logit.mean())
     update = training.improve(tracks, reward, generator, shown)
     return counts | critic | update | {"deviation": float(torch.exp(training.policy.log_std.detach()).mean())}
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_research train policy``."""
-    p = training_parser("train policy", __doc__, "config/policy_c.yaml")
+    p = training_parser("train policy", __doc__, "configs/policies/critic.yaml")
     p.add_argument("--processes", type=at_least_one, default=2, help="processes for the episodes; default %(default)s")
     return p
 
@@ -151,25 +144,3 @@ def main(argv: list[str] | None = None) -> None:
 
 if __name__ == "__main__":
     main()
-
-
-def learn_rules(policy: GaussianPolicy, driving: Driving, config: TrainConfig, *, progress: bool) -> None:
-    """Fit `policy`, in place, to what the rules would do where it comes itself (DAgger, Ross 2011).
-
-    In each of `config.rule_rounds` it drives, and learns from the agent-steps of all rounds so far: who has only seen
-    the rules drive does not know what to do where these would never have come.
-
-    Raises:
-        InputError: no agent is driven in any episode, or the policy diverges.
-    """
-    rounds: list[dict[str, float]] = []
-    observed: list[FloatArray] = []
-    advised: list[FloatArray] = []
-    for number in trange(config.rule_rounds, unit="round", disable=not progress):
-        tracks, rates = collect(begin(driving, policy, config, rounds))
-        rounds.append(rates)
-        observed += [track.observation[:-1] for track in tracks]
-        advised += [track.advice for track in tracks if track.advice is not None]
-        advice = tensor(np.concatenate(advised))
-        shown = Demonstrations(tensor(np.concatenate(observed)), advice, torch.ones(len(advice)))
-        clone(policy, shown, config.warm_start, config.seed + number, shown.error)

@@ -20,10 +20,9 @@ from litsim_policy.driving.features.scales import (
     WIDTH,
 )
 from litsim_policy.driving.features.surrounding import SLOT
-from litsim_policy.driving.features.way import AHEAD, AHEAD_FEATURES, CONTACT_HORIZON, LOG, LOG_FEATURES, WAY_FEATURES
-from litsim_policy.driving.handback import ACCELERATION_MAX, OwnLogs
+from litsim_policy.driving.features.way import AHEAD, AHEAD_FEATURES, WAY_FEATURES
 from litsim_policy.driving.safety import comfort
-from litsim_policy.driving.task import DrivingScene, DrivingTask
+from litsim_policy.driving.task import DrivingTask
 from litsim_policy.motion.reference_path import ReferencePath, window
 from litsim_sim.scenario.scenario import Scenario
 
@@ -132,44 +131,6 @@ def test_how_those_ahead_drive(scenario, agent_table, lane_centres) -> None:
     # the leader stops after 16 m, so that 10 m/s have to be lost on 15.5 - 1 + 16 m
     allowed = seen["safe acceleration behind the leaders"] * ACCELERATION
     assert allowed == pytest.approx(-(10.0**2) / (2.0 * (15.5 - 1.0 + 8.0**2 / (2.0 * 2.0))), abs=0.01)
-
-
-def test_a_residual_policy_sees_its_log(scenario, placed, lane_centres) -> None:
-    """The log drives at 10 m/s; the agent has lost 15 m and half of its speed."""
-    config, table = ObservationConfig(residual=True), scenario.log.table(NOW)
-    y = float(table.y[table.row(2)])
-    table = placed(table, 2, x=float(table.x[table.row(2)]) - 15.0, speed=5.0)
-    scene = DrivingScene.of(scenario.lane_map, table, [replace(task(2, y), lag=15)])
-    scene.logs = OwnLogs(scenario)
-    row = Observer(scenario.lane_map, config).features(scene)[0]
-    seen = dict(zip(LOG_FEATURES, row[config.log_at : config.log_at + LOG].tolist(), strict=True))
-    along, lag, distance, later, *contacts = seen.values()
-    assert contacts == [0.0, 0.0, 0.0]
-    assert along * ACCELERATION == pytest.approx(ACCELERATION_MAX)
-    assert (lag * TIME, distance * DISTANCE) == pytest.approx((1.5, 15.0))
-    assert later * SPEED == pytest.approx(5.0)
-
-
-@pytest.mark.parametrize(
-    ("other", "times"),  # [s]: driving on at 10 m/s, with 1.5 and with 3 m/s2 of braking
-    [
-        # of a standing one, 19.5 m away with the margin: 3 m/s2 suffice
-        ({"x": 125.0, "speed": 0.0}, (1.9, 2.4, 4.0)),
-        # of one that crosses from the right, on the path from 1.6 to 3.2 s, 21.1 m away
-        ({"x": 125.0, "y": -12.0, "yaw": np.pi / 2, "speed": 5.0}, (2.1, 2.6, 4.0)),
-        ({"x": 75.0, "speed": 20.0}, (4.0, 4.0, 4.0)),
-        ({"x": 125.0, "speed": 10.0}, (4.0, 4.0, 4.0)),
-    ],
-)
-def test_a_residual_policy_sees_contacts_come(scenario, agent_table, lane_centres, other, times) -> None:
-    y, config = lane_centres[2], ObservationConfig(residual=True)
-    other = {"id": 1, "width": 1.8, "length": 5.0} | other | {"y": y + other.get("y", 0.0)}
-    table = agent_table(NOW, other, {"id": 2, "x": 100.0, "y": y, "speed": 10.0, "width": 1.8, "length": 5.0})
-    scene = DrivingScene.of(scenario.lane_map, table, [task(2, y)])
-    scene.logs, scene.onwards = OwnLogs(scenario), np.zeros(1)
-    row = Observer(scenario.lane_map, config).features(scene)[0]
-    seen = CONTACT_HORIZON * (1.0 - row[config.log_at + LOG - 3 : config.log_at + LOG])
-    assert seen == pytest.approx(times, abs=0.15)
 
 
 def test_where_nobody_is_ahead_nobody_brakes(scenario, agent_table, lane_centres) -> None:

@@ -37,7 +37,7 @@ def simulate(
     for _ in range(60):
         task = DrivingTask(2, path, path.points[-1], table.step + 30)
         scene = DrivingScene.of(scenario.lane_map, table, [task])
-        controls = guarded(scene, *executed(scene, action, residual=False), layer)
+        controls = guarded(scene, *executed(scene, action), layer)
         sources |= set(controls.source.tolist())
         table = world.step(controls, EgoCommand(table.step, mode=EgoMode.FOLLOW_LOG))
     return world, sources

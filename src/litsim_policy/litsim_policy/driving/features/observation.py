@@ -7,7 +7,6 @@ groups:
 - surrounding (7 per slot): see :mod:`.surrounding`.
 - road (7): see :mod:`.lanes`.
 - ahead (6, optional): agents ahead on the path, see :data:`.way.AHEAD_FEATURES`.
-- log (7, of residual policies): see :data:`.way.LOG_FEATURES`.
 - way (14): see :data:`.way.WAY_FEATURES`; in the paper the policy drives along the reference path to the goal,
   but the paper does not describe these features.
 """
@@ -21,7 +20,7 @@ import numpy as np
 from litsim_policy.driving.features.lanes import ROAD, LaneFeatures
 from litsim_policy.driving.features.scales import ACCELERATION, LENGTH, LIMIT, SPEED, WIDTH
 from litsim_policy.driving.features.surrounding import SLOT, write_surrounding
-from litsim_policy.driving.features.way import AHEAD, LOG, WAY, write_ahead, write_log, write_way
+from litsim_policy.driving.features.way import AHEAD, WAY, write_ahead, write_way
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.along_path import Poses
 from litsim_sim.core.quantities import Flag, Length, Positive, Whole, configuration
@@ -41,24 +40,16 @@ class ObservationConfig:
             observed.
         sight: range beyond which agents are ignored.
         ahead: whether :data:`.way.AHEAD_FEATURES` are included.
-        residual: whether actions are added to the commands that drive on as the log does, with the present lag; then
-            :data:`.way.LOG_FEATURES` are included.
     """
 
     slots: Positive[Whole] = 8
     sight: Positive[Length] = 60.0
     ahead: Flag = False
-    residual: Flag = False
 
     @property
     def size(self) -> int:
         """Number of features."""
-        return self.log_at + (LOG if self.residual else 0) + WAY
-
-    @property
-    def log_at(self) -> int:
-        """Position of the first of :data:`.way.LOG_FEATURES`, if they are included."""
-        return self.ahead_at + (AHEAD if self.ahead else 0)
+        return self.ahead_at + (AHEAD if self.ahead else 0) + WAY
 
     @property
     def ahead_at(self) -> int:
@@ -95,8 +86,6 @@ class Observer:
             self._road.write(scene.agents, config.road_at, features)
             if config.ahead:
                 write_ahead(scene.agents, config.sight, config.ahead_at, features)
-            if config.residual:
-                write_log(scene, config.log_at, features)
             write_way(scene, config.sight, features)
             np.minimum(np.maximum(features, -LIMIT, out=features), LIMIT, out=features)
         return features

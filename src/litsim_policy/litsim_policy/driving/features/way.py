@@ -9,13 +9,11 @@ import numpy as np
 from litsim_policy.driving.features.scales import ACCELERATION, DISTANCE, HEADING, LATERAL, SPEED, TIME, YAW_RATE
 from litsim_policy.driving.safety.following import following_cap
 from litsim_policy.driving.task import DrivingScene
-from litsim_policy.driving.yielding_rules import contact_time, in_reach
 from litsim_policy.motion.along_path import PoseArrays
-from litsim_policy.motion.arcs import arc_of
 from litsim_policy.motion.car_following import Leaders
 from litsim_policy.motion.followers import PathFollowers
-from litsim_policy.motion.path_batch import PathBatch, directions_ahead
-from litsim_sim.core.pair_geometry import within_scenes, wrapped
+from litsim_policy.motion.path_batch import directions_ahead
+from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.scene import STEP_S, AgentArrays, FloatArray
 from litsim_sim.kernels.compiled import Floats, Floats2, Ints, OutFloats2, kernel
 
@@ -28,16 +26,6 @@ AHEAD_FEATURES = (
     "acceleration of the second leader",
 )
 """Leaders are agents ahead on the path; the rear of the second one is ahead of the first one's centre."""
-LOG_FEATURES = (
-    "acceleration along the log",
-    "lag",
-    "distance along the path to the log's present position",
-    "speed of the log, as much later as FORESIGHT, less the own",
-    "time to contact along the path, with the acceleration along the log",
-    "time to contact, braking by 1.5 m/s2 if that is harder",
-    "time to contact, braking by 3 m/s2 if that is harder",
-)
-"""Times to contact are relative to the horizon: 0 for none, 1 for now."""
 WAY_FEATURES = (
     "offset from the path",
     "heading to the path",
@@ -54,31 +42,14 @@ WAY_FEATURES = (
     "opponent to the left",
     "speed of the opponent less the own",
 )
-AHEAD, LOG, WAY = 6, 7, 14  # numbers of these features
+AHEAD, WAY = 6, 14  # numbers of these features
 TASK = 6  # number of the last WAY_FEATURES, which tell the task: from the distance to the goal on
-CONTACT_HORIZON = 4.0  # [s] for which others are expected to continue
-PEDAL_CAPS = np.array([np.inf, -1.5, -3.0])  # [m/s2] most with which times to contact are computed
-FORESIGHT = 20  # [steps] beyond the position of the log with its lag
 
 
 def write_ahead(agents: PathFollowers, sight: float, first: int, features: FloatArray) -> None:
     """Write :data:`AHEAD_FEATURES` of m agents into `features` (m, size), from `first` on; `sight` in metres."""
     features[:, first + 1] = following_cap(agents) / ACCELERATION
     _write_ahead(agents.leaders, agents.table.length, agents.speed, sight, first, features)
-
-
-def write_log(scene: DrivingScene, first: int, features: FloatArray) -> None:
-    """Write :data:`LOG_FEATURES` of the m agents of `scene` into `features` (m, size), from `first` on."""
-    assert scene.logs is not None
-    agents, log = scene.agents, scene.logs.log
-    rows = log.ids.searchsorted(scene.id)
-    now, later = (np.minimum(agents.table.step - lag, log.last_step[rows]) for lag in (0, scene.lag - FORESIGHT))
-    features[:, first] = scene.onwards / ACCELERATION
-    features[:, first + 1] = scene.lag * STEP_S / TIME
-    features[:, first + 2] = agents.to_goal(log.x[rows, now], log.y[rows, now]) / DISTANCE
-    features[:, first + 3] = (log.speed[rows, later] - agents.speed) / SPEED
-    times = _times_to_contact(scene.onwards, agents.paths, agents.s, agents.table.arrays, agents.rows)
-    features[:, first + 4 : first + LOG] = 1.0 - times / CONTACT_HORIZON
 
 
 def write_way(scene: DrivingScene, sight: float, features: FloatArray) -> None:
@@ -116,25 +87,6 @@ def _write_path(
         features[i, first + 4] = yaw_rate[i] / YAW_RATE
         features[i, first + 8] = to_goal[i] / DISTANCE
         features[i, first + 9] = steps_left[i] * STEP_S / TIME
-
-
-@kernel
-def _times_to_contact(wanted: Floats, paths: PathBatch, own_s: Floats, agents: AgentArrays, rows: Ints) -> Floats2:
-    """Times (m, 3) [s] until agents run into others, with accelerations `wanted` (m,) [m/s2] capped by PEDAL_CAPS.
-
-    They are in `rows` (m,), at `own_s` (m,) [m] on their `paths`.
-    """
-    times, (begin, end) = np.full((len(rows), len(PEDAL_CAPS)), CONTACT_HORIZON), within_scenes(agents.scene, rows)
-    for i in range(len(rows)):
-        own = rows[i]
-        for j in range(begin[i], end[i]):
-            if j == own or not in_reach(wanted[i], agents, own, j, CONTACT_HORIZON):
-                continue
-            arc = arc_of(agents, j, agents.acceleration[j], round(CONTACT_HORIZON / STEP_S))
-            for c in range(len(PEDAL_CAPS)):
-                pedal = min(wanted[i], PEDAL_CAPS[c])
-                times[i, c] = min(times[i, c], contact_time(pedal, paths, i, own_s[i], agents, own, j, arc))
-    return times
 
 
 @kernel
