@@ -269,7 +269,7 @@ class Simulation:
         step, took = self.table.step, self._marks[EGO] / len(self.running)
         for number in self.running:
             self._delayed[number].put(step, egos[number], took, step)
-        in_force = [delayed.at(step) or EgoCommand(step) for delayed in self._delayed]
+        in_force = [delayed.in_force(step) or EgoCommand(step) for delayed in self._delayed]
         return tuple(replace(command, step=step) for command in in_force)
 
     def _given(self, command: EgoCommand | Sequence[EgoCommand] | None) -> tuple[EgoCommand, ...]:

@@ -7,15 +7,15 @@ import pytest
 from pydantic import ValidationError
 
 from litsim_eval.analysis.metrics import find_field, leaves
-from litsim_eval.campaign.criteria import Criteria, Criterion, Outcome, SuiteCriterion, Verdict
+from litsim_eval.campaign.criteria import CaseOutcome, Criteria, Criterion, SuiteCriterion, Verdict
 from litsim_sim.core.errors import InputError
 
 PASSED, FAILED, ERROR = (
-    Outcome(Verdict.PASSED, {"progress_m": 10.0, "reactive": True}),
-    Outcome(Verdict.FAILED, {"progress_m": 20.0, "reactive": False}),
-    Outcome(Verdict.ERROR, None),
+    CaseOutcome(Verdict.PASSED, {"progress_m": 10.0, "reactive": True}),
+    CaseOutcome(Verdict.FAILED, {"progress_m": 20.0, "reactive": False}),
+    CaseOutcome(Verdict.ERROR, None),
 )
-UNFINISHED = Outcome(None, None)
+UNFINISHED = CaseOutcome(None, None)
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_bounds_that_a_measure_can_reach_are_taken() -> None:
     assert Criterion(field="progress_m", min=-2.0, max=500.0).limit
 
 
-def verdict(suite: list[dict[str, Any]], outcomes: list[Outcome]) -> tuple[bool, list[str]]:
+def verdict(suite: list[dict[str, Any]], outcomes: list[CaseOutcome]) -> tuple[bool, list[str]]:
     criteria = Criteria(runs=[{"field": "takeovers", "max": 1}], **({"suite": suite} if suite else {}))
     found = criteria.of_runs(outcomes)
     return all(each.passed for each in found), [each.name for each in found if not each.passed]

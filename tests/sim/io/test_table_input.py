@@ -29,9 +29,9 @@ def test_both_kinds_read_the_same(tmp_path: Path, name: str, place: str) -> None
     assert source.columns == ("a", "b", "c")
     assert table["a"].tolist() == [1, 2, 3]
     assert table["b"].isna().tolist() == [False, True, False]
-    assert source.at(table["row"].iloc[1]) == f"{tmp_path / name}: {place}"
+    assert source.place(table["row"].iloc[1]) == f"{tmp_path / name}: {place}"
     word, number = place.split()
-    assert source.at(*table["row"].iloc[1:]).endswith(f": {word}s {number} and {int(number) + 1}")
+    assert source.place(*table["row"].iloc[1:]).endswith(f": {word}s {number} and {int(number) + 1}")
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
@@ -40,7 +40,7 @@ def test_empty_lines_are_no_rows_but_count_as_lines(tmp_path: Path, end: str) ->
     source = TableFile.open(tmp_path / "t.csv")
     table = source.read(["a"])
     assert table["a"].tolist() == [1, 3, 5]
-    assert source.at(*table["row"]) == f"{tmp_path / 't.csv'}: lines 3 and 6 and 7"
+    assert source.place(*table["row"]) == f"{tmp_path / 't.csv'}: lines 3 and 6 and 7"
 
 
 @pytest.mark.parametrize("name", ["t.csv", "t.parquet"])
@@ -107,7 +107,7 @@ def test_lines_of_packed_files_are_those_of_their_content(tmp_path: Path) -> Non
     path = tmp_path / "t.csv.gz"
     path.write_bytes(gzip.compress(b"a,b\n" + b"1,2\n" * 300))
     table = TableFile.open(path)
-    assert len(table.read(["a", "b"])) == 300 and table.at(250) == f"{path}: line 250"
+    assert len(table.read(["a", "b"])) == 300 and table.place(250) == f"{path}: line 250"
     path.write_bytes(gzip.compress(b"a,b\n" + b"1,2\n" * 300 + b"1,2,3\n"))
     with pytest.raises(InputError, match="line 302: 3 cells, expected 2"):
         TableFile.open(path).read(["a", "b"])

@@ -196,8 +196,8 @@ def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -
     if (bad := (values.isna() & column.notna()).to_numpy()).any():
         first_bad = int(np.argmax(bad))
         raise InputError(
-            f"{source.at(row.iloc[first_bad])}: column {name!r} is {str(column.iloc[first_bad])!r}, expected a number; "
-            f"{int(bad.sum())} such rows"
+            f"{source.place(row.iloc[first_bad])}: column {name!r} is {str(column.iloc[first_bad])!r}, expected a "
+            f"number; {int(bad.sum())} such rows"
         )
     return values
 

@@ -45,7 +45,7 @@ def without_dropped_kinds(raw: pd.DataFrame, mapping: Mapping, source: TableFile
         row = raw["row"][kind_names == missing[0]].iloc[0]
         entries = ", ".join(f"{name!r}: {likely_kind(name)}" for name in missing)
         raise InputError(
-            f"{source.at(row)}: kind {missing[0]!r} is not in field kinds of the mapping, which needs an entry for "
+            f"{source.place(row)}: kind {missing[0]!r} is not in field kinds of the mapping, which needs an entry for "
             f"each value of column {mapping.columns.kind!r}, one of {', '.join(get_args(KindName))}: for those that "
             f"are missing, probably kinds: {{{entries}}}"
         )

@@ -75,7 +75,7 @@ class LoadedTable(TableOfFile):
         named = {kind: kinds.get(kind, "drop") for kind in self.table["kind"].unique()}
         return Meaning.of_scene(**{"columns": columns, "kinds": named} | fields)
 
-    def at(self, *rows: int) -> str:
+    def place(self, *rows: int) -> str:
         """See :class:`TableFiles`; rows count from 1, in the order of the file."""
         return f"{self.path}: row{'s' if len(rows) > 1 else ''} {' and '.join(map(str, rows))} of its tracks"
 

@@ -48,14 +48,14 @@ def _with_vehicles(
     if (twice := ids.duplicated().to_numpy()).any():
         row = int(np.argmax(twice))
         raise InputError(
-            f"{other.at(table['row'].iloc[row])}: vehicle {ids.iloc[row]} occurs a second time, "
+            f"{other.place(table['row'].iloc[row])}: vehicle {ids.iloc[row]} occurs a second time, "
             "expected one row for each"
         )
     theirs = texts(raw[vehicle_id])
     if (lost := ~theirs.isin(ids).to_numpy()).any():
         row = int(np.argmax(lost))
         raise InputError(
-            f"{source.at(raw['row'].iloc[row])}: vehicle {theirs.iloc[row]} is not in {other}; "
+            f"{source.place(raw['row'].iloc[row])}: vehicle {theirs.iloc[row]} is not in {other}; "
             f"{theirs[lost].nunique()} such vehicles"
         )
     place = pd.Index(ids).get_indexer(pd.Index(theirs))

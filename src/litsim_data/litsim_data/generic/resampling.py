@@ -45,7 +45,7 @@ def check_clock(table: pd.DataFrame, source: TableFiles) -> None:
     if falls.any():
         row = int(np.argmax(falls)) + 2
         raise InputError(
-            f"{source.at(rows['row'].iloc[row])}: the clock falls back by {-step[row - 1]:.1f} s, while vehicle "
+            f"{source.place(rows['row'].iloc[row])}: the clock falls back by {-step[row - 1]:.1f} s, while vehicle "
             f"{vehicle[row]} drives on: expected times that go on, past midnight, too"
         )
 
@@ -68,7 +68,7 @@ def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.Data
         first = int(np.argmax(twice))
         rows = table["row"].to_numpy()[first : first + 2]
         raise InputError(
-            f"{source.at(*rows)}: vehicle {vehicle[first]} occurs twice at "
+            f"{source.place(*rows)}: vehicle {vehicle[first]} occurs twice at "
             f"{table['t'].iloc[first]:.3f} s, with other values; {int(twice.sum())} such pairs; are there several "
             f"clips in the file (field columns.clip of the mapping)?"
         )
@@ -99,7 +99,7 @@ def without_outliers(table: pd.DataFrame, source: TableFiles, counts: Counts) ->
         rows = table.iloc[jump - 1 : jump + 1]
         way = float(np.hypot(*np.diff(rows[["x", "y"]].to_numpy(), axis=0)[0]))
         raise InputError(
-            f"{source.at(*rows['row'])}: vehicle {vehicle[jump]} moves by {way:.4g} m within "
+            f"{source.place(*rows['row'])}: vehicle {vehicle[jump]} moves by {way:.4g} m within "
             f"{t[jump] - t[jump - 1]:.3g} s; {int(jumps.sum())} such jumps: does every vehicle have its own id?"
         )
     counts.leave_out("the vehicle jumps elsewhere for less than half a second", int(away.sum()))
@@ -115,7 +115,7 @@ def _check_padding(table: pd.DataFrame, jumps: BoolArray, source: TableFiles) ->
     x, y = (float(value) for value in np.asarray(same[["x", "y"]].value_counts().index[0]))
     padded = same[(same["x"] == x) & (same["y"] == y)]
     raise InputError(
-        f"{source.at(padded['row'].iloc[0])}: {padded['vehicle_id'].nunique()} vehicles jump to one place, "
+        f"{source.place(padded['row'].iloc[0])}: {padded['vehicle_id'].nunique()} vehicles jump to one place, "
         f"({x:g}, {y:g}) in frame map, where several are at once in {len(padded)} rows: are they absent there? Leave "
         f"such rows out by field rows of the mapping"
     )
@@ -198,7 +198,7 @@ def count_leaps(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None
     if number := int(is_leap.sum()):
         worst = int(np.argmax(np.where(is_leap, off, 0.0)))
         rows = table["row"].to_numpy()[leaps[worst] : leaps[worst] + 2]
-        most = f"at most by {off[worst]:.1f} m within {step[leaps[worst]]:.3g} s ({source.at(*rows)})"
+        most = f"at most by {off[worst]:.1f} m within {step[leaps[worst]]:.3g} s ({source.place(*rows)})"
         counts.leaps = f"{number} leaps, {most}"
         counts.tell(
             "leaps",
@@ -219,7 +219,7 @@ def count_turns(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None
     if number := int((turn > 0.0).sum()):
         worst = int(np.argmax(turn))
         rows = table["row"].to_numpy()[worst : worst + 2]
-        most = f"by {np.rad2deg(turn[worst]):.0f} degrees within {step[worst]:.3g} s ({source.at(*rows)})"
+        most = f"by {np.rad2deg(turn[worst]):.0f} degrees within {step[worst]:.3g} s ({source.place(*rows)})"
         counts.tell(
             "turns",
             f"{number} times the heading of a vehicle turns as none does, at most {most}: without field columns.yaw "

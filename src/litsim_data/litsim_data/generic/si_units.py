@@ -115,7 +115,7 @@ class _Columns:
         if far.any():
             row = int(np.argmax(far))
             raise InputError(
-                f"{self.source.at(self.raw['row'].iloc[row])}: latitude {latitude[row]:g} and longitude "
+                f"{self.source.place(self.raw['row'].iloc[row])}: latitude {latitude[row]:g} and longitude "
                 f"{longitude[row]:g} are more than {DEGREES_MAX:g} degree from field origin of the mapping, "
                 f"{list(origin)}; {int(far.sum())} such rows: columns.x is the longitude, columns.y the latitude"
             )
@@ -146,7 +146,7 @@ class _Columns:
             content = "empty or nan" if pd.isna(cell) else repr(str(cell))
             most = "" if np.isnan(values[first_bad]) else f" of at most {NUMBER_MAX:g}"
             raise InputError(
-                f"{self.source.at(self.raw['row'].iloc[first_bad])}: column {theirs!r} is {content}, expected a "
+                f"{self.source.place(self.raw['row'].iloc[first_bad])}: column {theirs!r} is {content}, expected a "
                 f"number{most}; {int(bad.sum())} such rows{without}"
             )
         return values * FACTORS[unit]
@@ -159,7 +159,7 @@ def _ids(column: pd.Series, row: IntArray, source: TableFiles) -> tuple[IntArray
         InputError: an id is missing, or there are too many.
     """
     if (empty := column.isna().to_numpy()).any():
-        raise InputError(f"{source.at(row[empty][0])}: no vehicle id; {int(empty.sum())} such rows")
+        raise InputError(f"{source.place(row[empty][0])}: no vehicle id; {int(empty.sum())} such rows")
     codes, names = pd.factorize(texts(column))
     numeric = pd.to_numeric(pd.Series(names), errors="coerce")
     small = (numeric.between(0, PIECE - 1) & (numeric == np.floor(numeric)) & ~numeric.duplicated()).to_numpy()

@@ -68,7 +68,7 @@ class Records(TableOfFile):
         names = dict.fromkeys(name for record in content for name in record)
         return cls((), tuple(names), path, content)
 
-    def at(self, *rows: int) -> str:
+    def place(self, *rows: int) -> str:
         """See :class:`TableFiles`; rows are numbers of objects, from 1."""
         return f"{self.path}: object{'s' if len({*rows}) > 1 else ''} {' and '.join(map(str, dict.fromkeys(rows)))}"
 
@@ -85,14 +85,14 @@ class Records(TableOfFile):
             lengths = {name: len(value) for name, value in values.items() if isinstance(value, list)}
             if len({*lengths.values()}) > 1:
                 counts = ", ".join(f"{name} {length}" for name, length in lengths.items())
-                raise InputError(f"{self.at(number)}: arrays differ in length: {counts}")
+                raise InputError(f"{self.place(number)}: arrays differ in length: {counts}")
             count = next(iter(lengths.values()), 1)
             rows += count * [number]
             for name, value in values.items():
                 cells = value if isinstance(value, list) else count * [value]
                 columns[name] += cells
                 if odd := [cell for cell in cells if not isinstance(cell, SCALARS)]:
-                    raise InputError(f"{self.at(number)}: {name} holds {odd[0]!s:.40}, expected numbers or texts")
+                    raise InputError(f"{self.place(number)}: {name} holds {odd[0]!s:.40}, expected numbers or texts")
         if not rows:
             raise InputError(f"{self.path}: holds no rows")
         return pd.DataFrame(columns).assign(row=rows)

@@ -61,7 +61,7 @@ SERIES = pa.schema(
 """Columns of the series; defined in docs/metrics.md."""
 
 _TYPES = {"int": pa.int64(), "float": pa.float64(), "bool": pa.bool_(), "str": TEXT}
-_TYPES |= dict.fromkeys(("Outcome", "Place"), pa.string())
+_TYPES |= dict.fromkeys(("TakeoverOutcome", "Place"), pa.string())
 TAKEOVERS = pa.schema(
     (field.name, pa.int32() if field.name.endswith("_step") else _TYPES[str(field.type).removesuffix(" | None")])
     for field in fields(LedgerEntry)

@@ -204,7 +204,7 @@ class SuiteCriterion(Limits):
         values = self.one_of or ([] if self.equals is None else [self.equals])
         return min((float(value) for value in values), default=-inf if self.min is None else self.min)
 
-    def of_runs(self, outcomes: Sequence[Outcome]) -> CriterionResult:
+    def of_runs(self, outcomes: Sequence[CaseOutcome]) -> CriterionResult:
         """Judges all runs of a campaign."""
         if self.aggregate is None:
             return self.judge(_counts(outcomes)[self.field])
@@ -216,7 +216,7 @@ class SuiteCriterion(Limits):
         return self.judge(_AGGREGATES[self.aggregate](numbers) if numbers else None)
 
 
-class Outcome(NamedTuple):
+class CaseOutcome(NamedTuple):
     """Outcome of one case for the criteria of the suite; the verdict is None if it has not been run."""
 
     verdict: Verdict | None
@@ -241,7 +241,7 @@ class Criteria(BaseModel):
     runs: Annotated[list[Criterion], Field(min_length=1)]
     suite: Annotated[list[SuiteCriterion], Field(min_length=1)] = [ALL_PASS]
 
-    def of_runs(self, outcomes: Sequence[Outcome]) -> tuple[CriterionResult, ...]:
+    def of_runs(self, outcomes: Sequence[CaseOutcome]) -> tuple[CriterionResult, ...]:
         """Judges all cases of a campaign, whether they were run or not.
 
         Runs that are errors fail it, unless :attr:`suite` limits the number of passes or errors; so do cases that have
@@ -318,7 +318,7 @@ def _as_text(value: Value | None) -> str:
     return f"{value:.6g}" if isinstance(value, float | int) else str(value)
 
 
-def _counts(outcomes: Sequence[Outcome]) -> dict[str, float | int | None]:
+def _counts(outcomes: Sequence[CaseOutcome]) -> dict[str, float | int | None]:
     verdicts = Counter(outcome.verdict for outcome in outcomes)
     passed, total = verdicts[Verdict.PASSED], len(outcomes)
     share = passed / total if total else None

@@ -15,7 +15,7 @@ from litsim_eval.analysis.measure import Metrics, in_percent, percent
 from litsim_eval.analysis.metrics import measures_by_field
 from litsim_eval.analysis.summary import check_summable
 from litsim_eval.campaign.case import Case
-from litsim_eval.campaign.criteria import Criteria, CriterionResult, Outcome, Verdict
+from litsim_eval.campaign.criteria import CaseOutcome, Criteria, CriterionResult, Verdict
 from litsim_eval.campaign.suite import CAMPAIGN_FILE
 from litsim_sim.core.errors import InputError, shown
 from litsim_sim.core.installation import command, has_ros
@@ -150,7 +150,7 @@ class Campaign:
         """Results of the criteria of the suite for the campaign."""
         by_id = {result.case.id: result for result in self.results}
         results = (by_id.get(case.id) for case in self.cases)
-        return self.criteria.of_runs([Outcome(*((r.verdict, r.metrics) if r else (None, None))) for r in results])
+        return self.criteria.of_runs([CaseOutcome(*((r.verdict, r.metrics) if r else (None, None))) for r in results])
 
     @property
     def passes(self) -> bool:

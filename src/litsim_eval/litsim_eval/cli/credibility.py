@@ -18,7 +18,7 @@ from litsim_eval.credibility.evidence import SUMS_FILE, TEXT_FILE, changes, writ
 from litsim_eval.credibility.page import PAGE_FILE, write_page
 from litsim_eval.credibility.reading import Selection, encounters_in, packaged_encounters
 from litsim_eval.credibility.results import CSV_FILE, JSON_FILE, Results, write_csv
-from litsim_eval.credibility.running import EGO, Outcome, Run, Setup, Task, run_task
+from litsim_eval.credibility.running import EGO, DriveOrReason, RunKey, Setup, Task, run_task
 from litsim_eval.credibility.table import LEGEND, table_of
 from litsim_eval.report.terminal import console_of
 from litsim_sim.cli.arguments import Parser
@@ -102,7 +102,7 @@ def credibility(arguments: argparse.Namespace) -> int:
     return EXIT_FAILED if len(results.responses) < len(setups) else 0
 
 
-def _driven(task: Task, processes: int) -> Iterator[tuple[Run, Outcome]]:
+def _driven(task: Task, processes: int) -> Iterator[tuple[RunKey, DriveOrReason]]:
     """Yields the runs of `task` with their outcomes, with a progress bar."""
     with (
         tqdm(total=len(task), unit="run", dynamic_ncols=True) as bar,

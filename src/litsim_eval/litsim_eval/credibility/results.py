@@ -19,7 +19,7 @@ from litsim_eval.campaign.case import code_versions
 from litsim_eval.campaign.criteria import CriterionResult, Limits
 from litsim_eval.credibility.measures import QUANTITIES, mean_distance, measured
 from litsim_eval.credibility.responses import Responses
-from litsim_eval.credibility.running import Drive, Outcome, Run, Setup, Task
+from litsim_eval.credibility.running import Drive, DriveOrReason, RunKey, Setup, Task
 from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import packaged
@@ -58,13 +58,13 @@ class Results:
     failures: tuple[Failure, ...]
 
     @classmethod
-    def of(cls, task: Task, outcomes: Iterable[tuple[Run, Outcome]]) -> Results:
+    def of(cls, task: Task, outcomes: Iterable[tuple[RunKey, DriveOrReason]]) -> Results:
         """Returns the results of `task`, of which all `outcomes` are given, in any order."""
         of_run, responses, failures = dict(outcomes), {}, []
         for number, setup in enumerate(task.setups):
             rows, drives = [], []
             for position, encounter in enumerate(task.encounters):
-                own = [of_run[Run(number, position, driver)] for driver in range(task.drivers)]
+                own = [of_run[RunKey(number, position, driver)] for driver in range(task.drivers)]
                 failures += [Failure(setup.name, encounter.name, why) for why in own if isinstance(why, str)]
                 driven = [drive for drive in own if not isinstance(drive, str)]
                 if len(driven) == task.drivers:

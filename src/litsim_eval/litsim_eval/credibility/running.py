@@ -55,7 +55,7 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Run:
+class RunKey:
     """A run that is asked for, by the positions of its setup and its encounter, and the number of its driver."""
 
     setup: int
@@ -63,7 +63,7 @@ class Run:
     driver: int
 
 
-Outcome = Drive | str
+DriveOrReason = Drive | str
 """What was driven in a run, or the reason in one line why there is none."""
 
 
@@ -78,16 +78,16 @@ class Task:
     def __len__(self) -> int:
         return len(self.encounters) * len(self.setups) * self.drivers
 
-    def jobs(self) -> list[tuple[Run, ...]]:
+    def jobs(self) -> list[tuple[RunKey, ...]]:
         """Returns the runs in portions that can mostly be stepped together."""
         order = sorted(range(len(self.encounters)), key=self._alike)
         return [
             job
             for setup in range(len(self.setups))
-            for job in portions([Run(setup, own, k) for k in range(self.drivers) for own in order], BATCH_MAX)
+            for job in portions([RunKey(setup, own, k) for k in range(self.drivers) for own in order], BATCH_MAX)
         ]
 
-    def plan(self, run: Run) -> RunPlan:
+    def plan(self, run: RunKey) -> RunPlan:
         """Returns the plan of `run`; its driver is the number of the draw."""
         scenario, setup = self.encounters[run.encounter].scenario, self.setups[run.setup]
         drawn = scenario.around(None, None, draw=run.driver)
@@ -99,7 +99,7 @@ class Task:
         return str(scenario.net_path), scenario.history_steps, scenario.total_steps
 
 
-def run_task(task: Task, processes: int) -> Generator[tuple[Run, Outcome], None, None]:
+def run_task(task: Task, processes: int) -> Generator[tuple[RunKey, DriveOrReason], None, None]:
     """Yields each run of `task` with its outcome as soon as it is driven, in any order, by several processes."""
     context = multiprocessing.get_context("fork")  # the copies share the encounters
     with ProcessPoolExecutor(processes, context, _begin, (task,)) as pool:
@@ -111,14 +111,14 @@ def run_task(task: Task, processes: int) -> Generator[tuple[Run, Outcome], None,
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def drive(task: Task, runs: Sequence[Run]) -> list[Outcome]:
+def drive(task: Task, runs: Sequence[RunKey]) -> list[DriveOrReason]:
     """Returns the outcomes of `runs` of `task` in this process, driven together where that is possible.
 
     Runs that were driven together with one that fails are repeated alone.
     """
     plans = {number: task.plan(run) for number, run in enumerate(runs)}
     encounters = [task.encounters[run.encounter] for run in runs]
-    outcomes: dict[int, Outcome] = {}
+    outcomes: dict[int, DriveOrReason] = {}
     for together in batchable(plans):
         outcomes |= _together({number: plans[number] for number in together}, encounters)
     alone = {number: _alone(plans[number], encounters[number]) for number in plans if number not in outcomes}
@@ -184,7 +184,7 @@ def _together(plans: Mapping[int, RunPlan], encounters: Sequence[Encounter]) -> 
     return {number: watch.drive for number, watch in watches.items()}
 
 
-def _alone(plan: RunPlan, encounter: Encounter) -> Outcome:
+def _alone(plan: RunPlan, encounter: Encounter) -> DriveOrReason:
     watch = Watch(encounter)
     try:
         for result in Runner(plan).steps():
@@ -203,6 +203,6 @@ def _begin(task: Task) -> None:
     _tasks.append(task)
 
 
-def _drive_job(job: Sequence[Run]) -> list[tuple[Run, Outcome]]:
+def _drive_job(job: Sequence[RunKey]) -> list[tuple[RunKey, DriveOrReason]]:
     (task,) = _tasks
     return list(zip(job, drive(task, job), strict=True))

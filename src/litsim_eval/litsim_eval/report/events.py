@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from litsim_eval.analysis.measures.answers import cause_text
-from litsim_eval.analysis.measures.takeover import Outcome
+from litsim_eval.analysis.measures.takeover import TakeoverOutcome
 from litsim_eval.report.wording import NOTHING, number
 
 
@@ -86,14 +86,14 @@ def _takeover(entry: dict[str, Any], dt: float, ego: int) -> EventRow:
 def _back(entry: dict[str, Any], dt: float) -> str:
     """Returns a text on when the agent was back on its log, or why it was not."""
     outcome, step = entry.get("outcome"), entry.get("released_step")
-    if outcome == Outcome.OWN_INTENT:
+    if outcome == TakeoverOutcome.OWN_INTENT:
         return f"own intent from {entry['own_intent_step'] * dt:.1f} s"
-    if outcome == Outcome.LEFT_NET:
+    if outcome == TakeoverOutcome.LEFT_NET:
         return "left the net"
-    if outcome == Outcome.OUTLIVED_LOG:
+    if outcome == TakeoverOutcome.OUTLIVED_LOG:
         return "no log left"
     when = NOTHING if step is None else f"{step * dt:.1f} s"
-    return f"{when}, its log was over" if outcome == Outcome.LOG_OVER else when
+    return f"{when}, its log was over" if outcome == TakeoverOutcome.LOG_OVER else when
 
 
 def _verdict(contact: dict[str, Any], fault: dict[str, Any]) -> str:

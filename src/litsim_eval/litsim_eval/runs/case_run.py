@@ -41,10 +41,6 @@ END_S = 30.0  # [s] for a launcher to end its graph
 TIME_LIMIT_S = 1800.0  # [s] default time limit of a run over DDS
 
 
-class RunFailed(Exception):
-    """A run has no metrics; the message gives the reason in one line."""
-
-
 class CaseRefused(InputError):
     """A case cannot be run; the message names its variant.
 

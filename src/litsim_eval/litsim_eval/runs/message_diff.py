@@ -34,7 +34,7 @@ class Difference:
     recorded: Value = None
     computed: Value = None
 
-    def at(self, name: str, recorded: Any, computed: Any, agent: int | None = None) -> Difference:
+    def of_field(self, name: str, recorded: Any, computed: Any, agent: int | None = None) -> Difference:
         """Returns a difference in the field `name` of what this one stands for."""
         return replace(self.within(name, agent), recorded=_plain(recorded), computed=_plain(computed))
 
@@ -108,17 +108,17 @@ def _differences(recorded: Any, computed: Any, place: Difference) -> list[Differ
         elif _of_messages(a) or _of_messages(b):
             apart += _records(name, a, b, place)
         elif isinstance(a, str):
-            apart += [] if a == b else [place.at(name, a, b)]
+            apart += [] if a == b else [place.of_field(name, a, b)]
         elif isinstance(a, list | array | np.ndarray | bytes):
             apart += _arrays(name, np.asarray(a), np.asarray(b), ids[0], place)
         elif np.asarray(a).tobytes() != np.asarray(b, np.asarray(a).dtype).tobytes():
-            apart.append(place.at(name, a, b))
+            apart.append(place.of_field(name, a, b))
     return apart
 
 
 def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, place: Difference) -> list[Difference]:
     if len(a) != len(b):
-        return [place.at(f"{LENGTH}{name}", len(a), len(b))]
+        return [place.of_field(f"{LENGTH}{name}", len(a), len(b))]
     if a.dtype == b.dtype and a.tobytes() == b.tobytes():
         return []
     apart = np.flatnonzero([x.tobytes() != y.tobytes() for x, y in zip(a, b, strict=True)])
@@ -131,7 +131,7 @@ def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, pla
     for index in dict.fromkeys(chosen):
         agent = int(ids[index // width]) if ids is not None and width else None
         label = f"{name}[{index % width}]" if width > 1 else name if width else f"{name}[{index}]"
-        differing.append(place.at(label, a[index], b[index], agent))
+        differing.append(place.of_field(label, a[index], b[index], agent))
     return differing
 
 
@@ -155,9 +155,9 @@ def _one_sided(name: str, a: list[int], b: list[int], place: Difference) -> list
     """Returns differences of two unequal lists of agents: those in only one of them, or the order if there are none."""
     alone = sorted(set(a) ^ set(b))
     if not alone:
-        return [place.at(f"order of {name}", str(a), str(b))]
+        return [place.of_field(f"order of {name}", str(a), str(b))]
     return [
-        place.at(name, "present" if agent in a else "absent", "present" if agent in b else "absent", agent)
+        place.of_field(name, "present" if agent in a else "absent", "present" if agent in b else "absent", agent)
         for agent in alone
     ]
 

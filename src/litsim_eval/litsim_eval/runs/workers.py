@@ -15,10 +15,14 @@ from pathlib import Path
 
 from litsim_eval.campaign.case import Case
 from litsim_eval.runs.batched import MetricsOrReason, run_batch
-from litsim_eval.runs.case_run import RunFailed, RunOutcome
+from litsim_eval.runs.case_run import RunOutcome
 from litsim_sim.launch.child import how_it_ended
 from litsim_sim.launch.forked import start_forked, start_preloaded
 from litsim_sim.launch.signals import SIGNALS, reset_handlers, signals_deferred
+
+
+class WorkerEnded(Exception):
+    """The process that was to run cases has ended, or was never begun; the message says how, in one line."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,7 @@ class Workers:
         begin = time.monotonic()
         try:
             outcomes = self._ask(cases, folders)
-        except RunFailed as error:
+        except WorkerEnded as error:
             if len(cases) > 1:
                 return [self.run(case, folder) for case, folder in zip(cases, folders, strict=True)]
             outcomes = [str(error)]
@@ -98,12 +102,12 @@ class Workers:
         """Returns metrics of cases from this thread's process, or the reasons for their absence.
 
         Raises:
-            RunFailed: the process has ended, or the workers are closed.
+            WorkerEnded: the process has ended, or the workers are closed.
         """
         if not hasattr(self._mine, "worker"):
             with self._starting:
                 if self._closed:
-                    raise RunFailed("its process was closed before it began")
+                    raise WorkerEnded("its process was closed before it began")
                 self._mine.worker = self._idle.pop() if self._idle else self._started(start_preloaded)
         worker: Worker = self._mine.worker
         try:
@@ -114,7 +118,7 @@ class Workers:
             status = worker.process.exitcode
             assert status is not None
             del self._mine.worker
-            raise RunFailed(f"its process {how_it_ended(status)}") from None
+            raise WorkerEnded(f"its process {how_it_ended(status)}") from None
         return outcomes
 
     def _started(self, start: Callable[..., BaseProcess]) -> Worker:

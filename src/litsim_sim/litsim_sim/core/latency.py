@@ -73,7 +73,7 @@ class Delayed(Generic[T]):
         later = floor(took_s / STEP_S + 0.5) if self._steps is None else self._steps
         self._waiting.append((max(step + later, now), step, answer))
 
-    def at(self, step: int) -> T | None:
+    def in_force(self, step: int) -> T | None:
         """Returns the answer in force at a step; None before the first. Steps are asked for in order."""
         arrived = [(answered, answer) for due, answered, answer in self._waiting if due <= step]
         self._waiting = [waiting for waiting in self._waiting if waiting[0] > step]

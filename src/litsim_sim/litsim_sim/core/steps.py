@@ -56,17 +56,17 @@ class Steps(Sequence[AgentTable]):
         return tables if isinstance(tables, Steps) else cls(tables)
 
     @overload
-    def __getitem__(self, at: int) -> AgentTable: ...
+    def __getitem__(self, index: int) -> AgentTable: ...
     @overload
-    def __getitem__(self, at: slice) -> tuple[AgentTable, ...]: ...
-    def __getitem__(self, at: int | slice) -> AgentTable | tuple[AgentTable, ...]:
+    def __getitem__(self, index: slice) -> tuple[AgentTable, ...]: ...
+    def __getitem__(self, index: int | slice) -> AgentTable | tuple[AgentTable, ...]:
         if self._tables is not None:
-            return self._tables[at]
-        if isinstance(at, slice):
-            return tuple(self._part(k) for k in range(*at.indices(len(self))))
-        if not -len(self) <= at < len(self):
-            raise IndexError(f"step {at} of {len(self)}")
-        return self._part(at % len(self))
+            return self._tables[index]
+        if isinstance(index, slice):
+            return tuple(self._part(k) for k in range(*index.indices(len(self))))
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"step {index} of {len(self)}")
+        return self._part(index % len(self))
 
     def __len__(self) -> int:
         return len(self.step) if self._tables is None else len(self._tables)
@@ -227,10 +227,10 @@ class Steps(Sequence[AgentTable]):
         result: T = self._results[key]
         return result
 
-    def _part(self, at: int) -> AgentTable:
-        """Returns the table of the step of index `at`, without copies."""
-        rows = slice(self.begin[at], self.begin[at + 1])
-        return AgentTable(int(self.step[at]), *(getattr(self.stacked, name)[rows] for name in ARRAY_FIELDS))
+    def _part(self, index: int) -> AgentTable:
+        """Returns the table of the step of that index, without copies."""
+        rows = slice(self.begin[index], self.begin[index + 1])
+        return AgentTable(int(self.step[index]), *(getattr(self.stacked, name)[rows] for name in ARRAY_FIELDS))
 
     def _after(self, step: int) -> Steps:
         """See :meth:`after`."""
@@ -279,8 +279,8 @@ class StoredSteps(Steps):
         rows = np.frombuffer(self._file.read(int(self.begin[end] - self.begin[begin]) * ROW.itemsize), ROW)
         return self._split(begin, end, {name: np.ascontiguousarray(rows[name]) for name in ARRAY_FIELDS})
 
-    def _part(self, at: int) -> AgentTable:
-        return self.part(at, at + 1)[0]
+    def _part(self, index: int) -> AgentTable:
+        return self.part(index, index + 1)[0]
 
     def _after(self, step: int) -> Steps:
         first = int(np.searchsorted(self.step, step, "right"))

@@ -166,7 +166,7 @@ class EgoPort:
         """
         if self._invalid and self._stop_on_invalid:
             raise AnswerInvalid(self._invalid)
-        held = self._answers.at(self._step)
+        held = self._answers.in_force(self._step)
         if isinstance(held, EgoCommand):
             return replace(held, step=self._step)
         if held is None or self._ego is None or not self._driven:

@@ -72,13 +72,13 @@ class TableFile:
     def __str__(self) -> str:
         return str(self.path)
 
-    def at(self, *rows: int) -> str:
+    def place(self, *rows: int) -> str:
         """Returns a text that names the places of `rows`: lines of a CSV file, or rows of a Parquet file, from 1."""
         word, places = ("row", list(rows)) if self.parquet else ("line", _lines(self.path, rows))
         return f"{self.path}: {word}{'s' if len(rows) > 1 else ''} {' and '.join(map(str, places))}"
 
     def read(self, wanted: list[str], *, whose: str = "", may_be_empty: bool = False) -> pd.DataFrame:
-        """Returns the columns `wanted`, and `row`, the number for :meth:`at`; empty lines of a CSV file are skipped.
+        """Returns the columns `wanted`, and `row`, the number for :meth:`place`; empty lines of a CSV file are skipped.
 
         Raises an InputError if the file cannot be read, lacks a column (`whose`, such as "of the mapping", is
         added then), or holds no rows and not `may_be_empty`.
@@ -147,15 +147,15 @@ class TableFiles:
         """The folder of the first file."""
         return self.files[0].path.parent
 
-    def at(self, *rows: int) -> str:
-        """Like :meth:`TableFile.at`, for `rows` of :meth:`read`."""
+    def place(self, *rows: int) -> str:
+        """Like :meth:`TableFile.place`, for `rows` of :meth:`read`."""
         by_file: dict[int, list[int]] = {}
         for row in rows:
             by_file.setdefault(int(row) // ROWS_MAX, []).append(int(row) % ROWS_MAX)
-        return " and ".join(self.files[number].at(*its) for number, its in by_file.items())
+        return " and ".join(self.files[number].place(*its) for number, its in by_file.items())
 
     def read(self, wanted: list[str], *, needed: set[str] | None = None, whose: str = "") -> pd.DataFrame:
-        """Returns the columns `wanted` of all files, one after the other, and `row`, by which :meth:`at` names a place.
+        """Returns the columns `wanted` of all files, one after the other, and `row`, the number for :meth:`place`.
 
         Raises an InputError as :meth:`TableFile.read`. Only those `needed` must be in every file; None for all.
         """

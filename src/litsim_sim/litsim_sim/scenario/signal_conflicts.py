@@ -18,8 +18,8 @@ PERMISSIVE = (SignalState.GREEN_PERMISSIVE, SignalState.AMBER_PERMISSIVE)
 class _Conflict:
     """Connections of two groups that conflict: those of the first pair, and the number of pairs."""
 
-    one: str
-    other: str
+    first: str
+    second: str
     pairs: int = 0
 
 
@@ -58,6 +58,6 @@ def _sentence(signals: Signals, junction: str, groups: list[int], conflict: _Con
     who = f"group {first} is green" if first == second else f"groups {first} and {second} are both green"
     return (
         f"junction {junction}: {who} at {frames[0] * STEP_S:g} s, and for {len(frames) * STEP_S:g} s in all, though "
-        f"{conflict.one} and {conflict.other}{and_more(conflict.pairs - 1)} conflict; are connections and times right, "
-        f"or is one of them green_permissive?"
+        f"{conflict.first} and {conflict.second}{and_more(conflict.pairs - 1)} conflict; are connections and times "
+        f"right, or is one of them green_permissive?"
     )

@@ -377,19 +377,19 @@ def _read_changes(states: StateList, path: Path) -> list[tuple[float, str, Any]]
         bad = int(np.argmin(np.isfinite(begin)))
         value = str(table["begin"].iloc[bad])
         raise InputError(
-            f"{source.at(table['row'].iloc[bad])}: column {states.begin!r} is {value!r}, expected a number"
+            f"{source.place(table['row'].iloc[bad])}: column {states.begin!r} is {value!r}, expected a number"
         )
     for column in ("group", "state"):
         if table[column].isna().any():
             row = table[table[column].isna()].iloc[0]
             named = getattr(states, column) if isinstance(states.group, str) else row["group"]
-            raise InputError(f"{source.at(row['row'])}: column {named!r} is empty")
+            raise InputError(f"{source.place(row['row'])}: column {named!r} is empty")
     codes = {str(code): name for code, name in states.codes.items()}
     state = table["state"].map(_plain)
     names = state.map(lambda value: codes.get(value, value.lower() if value.lower() in NAMES else None))
     if names.isna().any():
         bad = int(np.argmax(names.isna().to_numpy()))
-        place = source.at(table["row"].iloc[bad])
+        place = source.place(table["row"].iloc[bad])
         raise InputError(
             f"{place}: state {state.iloc[bad]!r} is none of {', '.join(NAMES)}; say in field codes what it is"
         )
@@ -400,7 +400,7 @@ def _read_changes(states: StateList, path: Path) -> list[tuple[float, str, Any]]
     for i in order:
         first = first_at.setdefault((group[i], seconds[i]), i)
         if NAMES[names.iloc[i]] != NAMES[names.iloc[first]]:
-            own, other = (f"{source.at(table['row'].iloc[k])}, {names.iloc[k]}" for k in (first, i))
+            own, other = (f"{source.place(table['row'].iloc[k])}, {names.iloc[k]}" for k in (first, i))
             raise InputError(f"{own}; {other}: group {group[i]} shows two states at one time, expected one")
     return [(seconds[i], str(group[i]), str(names.iloc[i])) for i in order]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_eval.analysis.measures.takeover import Outcome, handbacks, jump, ledger
+from litsim_eval.analysis.measures.takeover import TakeoverOutcome, handbacks, jump, ledger
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.analysis.tables import takeovers_table
 from litsim_sim.core.scene import Controller
@@ -154,10 +154,10 @@ def test_who_drives_by_its_own_intent_at_the_end_is_told_apart(table: Make, make
     states = [HELD] * 5 + [OWN_INTENT] * 5 + [HELD] * 5 + [OWN_INTENT] * 21
     records = {5 + k: [record(2, state)] for k, state in enumerate(states)}
     (entry,) = ledger(make_run(log, log, takeovers=records))
-    assert (entry.own_intent_step, entry.released_step, entry.outcome) == (20, None, Outcome.OWN_INTENT)
+    assert (entry.own_intent_step, entry.released_step, entry.outcome) == (20, None, TakeoverOutcome.OWN_INTENT)
     back = {k: [record(2, RELEASED if k == 39 else HANDBACK)] for k in range(36, 40)}
     (entry,) = ledger(make_run(log, log, takeovers={k: of for k, of in records.items() if k < 40} | back))
-    assert (entry.own_intent_step, entry.released_step, entry.outcome) == (None, 39, Outcome.OFF_LOG)
+    assert (entry.own_intent_step, entry.released_step, entry.outcome) == (None, 39, TakeoverOutcome.OFF_LOG)
 
 
 def handed_back(table: Make, moved: Make, offset: float, **other: float) -> tuple[list[Any], list[Any]]:

@@ -47,7 +47,7 @@ Episode = list[tuple[int, Takeover]]
 """The first record of a takeover, those at which its state changes, and the last, each with its step."""
 
 
-class Outcome(StrEnum):
+class TakeoverOutcome(StrEnum):
     """How a takeover ended."""
 
     BACK_ON_LOG = "back_on_log"
@@ -110,7 +110,7 @@ class LedgerEntry:
     own_intent_step: int | None
     handback_step: int | None
     released_step: int | None
-    outcome: Outcome | None
+    outcome: TakeoverOutcome | None
     held_s: float
     time_to_conflict_s: float | None
     overlap_probability: float | None
@@ -358,20 +358,20 @@ def _own_intent_step(episode: Episode) -> int | None:
     return begin
 
 
-def _outcome(run: Run, last: Takeover, last_step: int) -> Outcome | None:
+def _outcome(run: Run, last: Takeover, last_step: int) -> TakeoverOutcome | None:
     """Returns the outcome of the takeover with its `last` record at `last_step`."""
     agent, released = last.agent, last.state == TakeoverState.RELEASED
-    on_log = Outcome.BACK_ON_LOG if last.residual_position <= BACK_WITHIN else Outcome.OFF_LOG
+    on_log = TakeoverOutcome.BACK_ON_LOG if last.residual_position <= BACK_WITHIN else TakeoverOutcome.OFF_LOG
     after = int(run.steps.step.searchsorted(last_step, "right"))
     if after == len(run.steps):
         if last.state == TakeoverState.OWN_INTENT:
-            return Outcome.OWN_INTENT
+            return TakeoverOutcome.OWN_INTENT
         outlived = bool(run.log) and run.log[-1].row(agent) < 0
-        return on_log if released else Outcome.OUTLIVED_LOG if outlived else None
+        return on_log if released else TakeoverOutcome.OUTLIVED_LOG if outlived else None
     there = run.steps[after].row(agent) >= 0
     if released:
-        return on_log if there else Outcome.LOG_OVER
-    return None if there else Outcome.LEFT_NET
+        return on_log if there else TakeoverOutcome.LOG_OVER
+    return None if there else TakeoverOutcome.LEFT_NET
 
 
 def _handback(run: Run, index: int, agent: int) -> Handback:
@@ -453,7 +453,7 @@ def _false_alarms(place: Place) -> Callable[[Metrics], float]:
 
 
 def _by_own_intent(run: Metrics) -> float:
-    return sum(entry["outcome"] == Outcome.OWN_INTENT for entry in run["ledger"])
+    return sum(entry["outcome"] == TakeoverOutcome.OWN_INTENT for entry in run["ledger"])
 
 
 def _held_to_the_end(run: Metrics) -> float:
