@@ -205,6 +205,12 @@ def test_who_waits_stands_or_drives_on_and_who_has_done_drives_on(tmp_path: Path
     np.testing.assert_allclose(tracks["Ego"].loc[[0, 100, 200], "x"], [-80.0, 20.0, 120.0])
 
 
+def test_triggering_entities_that_do_not_act_are_told(tmp_path: Path) -> None:
+    acts = act("a", "A", {"e": (follow(EAST), "")}).replace("Entities='false'", "Entities='true'")
+    _, scene = scene_of(write(tmp_path, {"A": PLAIN}, {"A": STAND.format(world(0.0))}, acts, STOP))
+    assert scene.notes == ("entities that trigger ManeuverGroup a_g are not among its actors",)
+
+
 @pytest.mark.parametrize(
     ("action", "x"),
     [

@@ -7,7 +7,6 @@ decided, and all are played again, with it. What happens before is not changed b
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property
@@ -18,6 +17,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from litsim_data.maps.opendrive_roads import Pose, Roads
+from litsim_data.sources.openscenario.actors import events_of_entities, first_actions
 from litsim_data.sources.openscenario.conditions import Conditions, Seen, Span
 from litsim_data.sources.openscenario.motion import ORDER, OVERWRITE, Played, Player
 from litsim_data.sources.openscenario.positions import LATEST, Positions, Track, last_time
@@ -56,7 +56,8 @@ class Script:
     def __init__(self, root: ET.Element, road: Path | None) -> None:
         self._root, self._road = root, road
         self._told: list[str] = []
-        self.entities = {one.get("name", ""): one for one in root.findall("Entities/ScenarioObject")}
+        self.entities = {entity.get("name", ""): entity for entity in root.findall("Entities/ScenarioObject")}
+        self._first_actions, (self._events, self._left_out) = first_actions(root), events_of_entities(root)
         self._storyboard = Storyboard(root, self._end_of, self._holds)
         self._positions = Positions(self._roads_or_refuse, self._pose_of, self._speed_of)
         self._conditions = Conditions(self._seen, self._positions, self._roads_or_refuse)
@@ -94,7 +95,7 @@ class Script:
         self._placing: set[str] = set()
         """Entities whose first position is being read."""
         self._by_name: dict[str, Seen] = {}
-        self.notes = [*self._told]
+        self.notes = [*self._left_out, *self._told]
 
     def _settled(self) -> float:
         """Decides what depends on where entities are, and returns when the scenario ends [s]; 0 if nothing says so."""
@@ -166,7 +167,7 @@ class Script:
         elif named and not self._told:
             self._told.append(f"the StopTrigger is not met within {self._horizon:g} s")
         ends = [0.0]
-        first = [action for actions in self._privates.values() for action in actions]
+        first = [action for actions in self._first_actions.values() for action in actions]
         for action in (*first, *self._root.iterfind("Storyboard/Story//Event/Action")):
             with suppress(ValueError):  # its entity says why
                 ends.append(self._end_of(action, 0.0)[0] if action.tag != "Action" else self._storyboard.end(action))
@@ -199,7 +200,7 @@ class Script:
 
     def _actions(self, name: str) -> list[Played]:
         """Returns the actions of an entity that are played, and notes those that are passed over."""
-        played = [Played(0.0, action_in(action)) for action in self._privates.get(name, [])]
+        played = [Played(0.0, action_in(action)) for action in self._first_actions.get(name, [])]
         for event, action in self._events.get(name, []):
             inner, maneuver = action_in(action), self._storyboard.around(event)
             if inner.tag in PASSED_OVER:
@@ -216,13 +217,13 @@ class Script:
                     played.append(Played(start, OVERWRITE, maneuver))
                 if not self._storyboard.act_waits(event) and (stop := self._storyboard.cut_off(event)) <= LATEST:
                     played.append(Played(stop, OVERWRITE, maneuver))
-        passed = sorted({one.action.tag for one in played if one.action.tag in PASSED_OVER})
+        passed = sorted({play.action.tag for play in played if play.action.tag in PASSED_OVER})
         if passed:
             self.notes.append(f"of {name}, {' and '.join(passed)} is passed over")
-        played = [one for one in played if one.action.tag not in PASSED_OVER]
-        for one in played:
-            if one.action.tag not in ORDER:
-                raise UnreadError(f"element {one.action.tag} is not read")
+        played = [play for play in played if play.action.tag not in PASSED_OVER]
+        for play in played:
+            if play.action.tag not in ORDER:
+                raise UnreadError(f"element {play.action.tag} is not read")
         return played
 
     def _waits(self, event: ET.Element) -> bool:
@@ -231,37 +232,6 @@ class Script:
             if element in self._unread:
                 raise self._unread[element]
         return self._storyboard.waits("start", event)
-
-    @cached_property
-    def _privates(self) -> dict[str, list[ET.Element]]:
-        """The actions of Init by entity."""
-        actions: dict[str, list[ET.Element]] = defaultdict(list)
-        for private in self._root.iterfind("Storyboard/Init/Actions/Private"):
-            actions[private.get("entityRef", "")] += private.findall("PrivateAction")
-        for action in self._root.iterfind("Storyboard/Init/Actions/GlobalAction/EntityAction"):
-            actions[action.get("entityRef", "")].append(action)
-        return actions
-
-    @cached_property
-    def _events(self) -> dict[str, list[tuple[ET.Element, ET.Element]]]:
-        """The events by entity, with an action of each that is the entity's."""
-        selections = {
-            one.get("name", ""): [ref.get("entityRef", "") for ref in one.iterfind("Members/EntityRef")]
-            for one in self._root.iterfind("Entities/EntitySelection")
-        }
-        events: dict[str, list[tuple[ET.Element, ET.Element]]] = defaultdict(list)
-        for group in self._root.iterfind("Storyboard/Story/Act/ManeuverGroup"):
-            refs = [ref.get("entityRef", "") for ref in group.iterfind("Actors/EntityRef")]
-            actors = dict.fromkeys(name for ref in refs for name in selections.get(ref, [ref]))
-            if group.find("Actors[@selectTriggeringEntities='true']") is not None:
-                self.notes.append(f"entities that trigger ManeuverGroup {group.get('name')} are not among its actors")
-            for event in group.iterfind("Maneuver/Event"):
-                for action in event.iterfind("Action"):
-                    of_entity = action.find("GlobalAction/EntityAction")
-                    own = [] if action.find("PrivateAction") is None else actors
-                    for name in own if of_entity is None else [of_entity.get("entityRef", "")]:
-                        events[name].append((event, action))
-        return events
 
     def _end_of(self, action: ET.Element, start: float) -> tuple[float, bool]:
         """Returns when an action that starts at a time ends [s], and whether that depends on where entities are.
@@ -301,8 +271,8 @@ class Script:
         if time > 0.0:
             pose = self.track(name).at(np.array([time]))[0].tolist()
             return pose[0], pose[1], pose[2]
-        first = map(action_in, self._privates.get(name, []))
-        position = next((one.find("Position") for one in first if one.tag == "TeleportAction"), None)
+        first = map(action_in, self._first_actions.get(name, []))
+        position = next((action.find("Position") for action in first if action.tag == "TeleportAction"), None)
         if position is None or name in self._placing:
             raise UnreadError(f"where {name} is at first is not known")
         self._placing.add(name)
