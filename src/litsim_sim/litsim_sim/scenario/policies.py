@@ -8,8 +8,9 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from litsim_sim.core import plugins
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import Parameters as StageParameters
-from litsim_sim.core.parameters import by_place
+from litsim_sim.core.parameters import by_place, not_among
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.scenario.scenario import packaged
@@ -88,6 +89,8 @@ def setup_of(policy: str | PolicySetup) -> PolicySetup:
     """
     if isinstance(policy, PolicySetup):
         return policy
+    if policy not in policy_choices():
+        raise InputError(f"policy {not_among([policy], policy_choices())}")
     return PolicySetup(name=policy, kind=policy) if policy in policy_names() else _installed(policy)
 
 
