@@ -284,6 +284,16 @@ def start(scenario: Path, out: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 
+def test_parts_that_are_merged_are_the_whole(capsys, tmp_path, short_demo: Path, whole: tuple[int, list[Any]]) -> None:
+    parts = [tmp_path / "second", tmp_path / "first"]
+    for part, number in zip(parts, ("2/2", "1/2"), strict=True):
+        called("--scenario", short_demo, *DEMO, "--part", number, "--out", part)
+    assert (called("--merge", *parts, "--out", tmp_path / "out"), told(tmp_path / "out")) == whole
+    assert len(told(parts[0])) == 3
+    assert called("--part", "3/2", "--out", tmp_path / "third") == 2
+    assert "'3/2', expected I/N" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_what_was_ended_midway_goes_on_to_the_result_of_one_that_was_not(
     tmp_path, short_demo: Path, whole: tuple[int, list[Any]], number: signal.Signals

@@ -320,8 +320,8 @@ def _case(
     setup = {"ego": ego.model_dump(mode="json", exclude={"folder"}), "files": files}
     name = "/".join((short, str(road.ego_id), ego.name, variant.policy, *([] if seed is None else [str(seed)])))
     return Case(
-        id=_digest({"question": question, "setup": setup, "execution_mode": mode, "versions": deciding}),
-        key=_digest(question),
+        id=digest({"question": question, "setup": setup, "execution_mode": mode, "versions": deciding}),
+        key=digest(question),
         name=", ".join(part for part in (name, variant.label) if part) + _draw_text(draw),
         scenario=road.entry.scenario,
         ego_id=road.ego_id,
@@ -397,6 +397,7 @@ def _files(values: Sequence[Any], folder: str = "") -> dict[str, str]:
     return {str(path): file_digest(Path(folder, path).resolve()) for path in paths}
 
 
-def _digest(values: Mapping[str, Any]) -> str:
+def digest(values: Mapping[str, Any]) -> str:
+    """Returns the digest of values that JSON can hold, by which cases are told apart."""
     text = json.dumps(plain_values(values), sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:ID_LENGTH]

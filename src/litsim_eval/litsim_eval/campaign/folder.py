@@ -7,6 +7,7 @@ import shutil
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from litsim_eval.campaign.results import (
     RUNS_FOLDER,
     Campaign,
     RunResult,
+    Shard,
     now,
     read_campaign,
     read_results,
@@ -101,6 +103,7 @@ class CampaignFolder:
         *,
         overwrite: bool = False,
         is_part: bool = False,
+        shard: Shard | None = None,
     ) -> dict[str, RunResult]:
         """Begins a campaign, or resumes the one in this folder.
 
@@ -114,6 +117,7 @@ class CampaignFolder:
             versions: versions of the dependencies of the runs.
             overwrite: whether a campaign in this folder is removed.
             is_part: see :meth:`changes`.
+            shard: which part of a campaign `cases` are, if they are to be merged with the others.
 
         Returns:
             Results of the cases that are finished already, by id of the case.
@@ -138,6 +142,7 @@ class CampaignFolder:
                 "versions": dict(versions),
                 "cases": [case.to_json() for case in cases],
                 "begun_at": now() if earlier is None else earlier.begun_at,
+                "shard": None if shard is None else asdict(shard),
             },
         )
         done = {result.case.id: result for result in read_results(self.path, cases, suite.criteria)}

@@ -123,6 +123,24 @@ def rerun_command(campaign: Path, case: Case) -> str:
     return shlex.join([command(), *vehicle, "--ego", case.ego.kind, "--policy", case.policy, *given, *settings, *out])
 
 
+@dataclass(frozen=True, order=True)
+class Shard:
+    """A part of a campaign's cases, which runs in a folder of its own; see :mod:`litsim_eval.campaign.shards`.
+
+    Attributes:
+        whole: digest of all cases of the campaign.
+        count: number of its shards.
+        number: of this shard, from 1 on.
+    """
+
+    whole: str
+    count: int
+    number: int
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+
 @dataclass(frozen=True)
 class Campaign:
     """The content of a campaign's folder.
@@ -135,6 +153,7 @@ class Campaign:
         cases: cases to be run, in order.
         results: results of the finished cases, in the same order.
         begun_at: date and time, ISO 8601, UTC.
+        shard: which shard of a larger campaign this is; None if it is none.
     """
 
     folder: Path
@@ -144,6 +163,7 @@ class Campaign:
     cases: tuple[Case, ...]
     results: tuple[RunResult, ...]
     begun_at: str
+    shard: Shard | None = None
 
     @property
     def judged(self) -> tuple[CriterionResult, ...]:
@@ -196,6 +216,7 @@ def read_campaign(path: Path) -> Campaign:
             cases=cases,
             results=tuple(read_results(path, cases, criteria)),
             begun_at=values["begun_at"],
+            shard=Shard(**values["shard"]) if values.get("shard") else None,
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{file}: not a campaign: {type(error).__name__}: {error}") from error

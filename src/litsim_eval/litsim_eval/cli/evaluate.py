@@ -24,6 +24,7 @@ from litsim_eval.campaign.results import (
     read_results,
     rerun_command,
 )
+from litsim_eval.campaign.shards import merge, shard_of
 from litsim_eval.campaign.variant_summary import drawn_cases, variant_bounds, variant_summary
 from litsim_eval.cli.suite_arguments import add_suite_arguments, cases_to_run, refuse_unusable, suite_of
 from litsim_eval.runs.campaign import LocalRuns, conclude, run_the_rest, verdict_counts, verdict_line
@@ -67,7 +68,14 @@ def parser() -> argparse.ArgumentParser:
         "--ray", metavar="ADDRESS", help=f"run on a Ray cluster: auto, HOST:PORT, or {LOCAL} for one of this machine"
     )
     p.add_argument("--dry-run", action="store_true", help="only list the runs to do and the runs done")
-    p.add_argument("--save-suite", type=Path, metavar="FILE", help="only write the chosen part as a suite of its own")
+    some = p.add_mutually_exclusive_group()
+    some.add_argument("--save-suite", type=Path, metavar="FILE", help="only write the chosen cases as a suite")
+    some.add_argument(
+        "--part", type=_part, metavar="I/N", help="run every N-th case from the I-th on, in a folder for --merge"
+    )
+    some.add_argument(
+        "--merge", type=Path, nargs="+", metavar="FOLDER", help="only make one campaign of the folders of its N parts"
+    )
     p.add_argument("--retry-errors", action="store_true", help="repeat runs that could not be judged")
     p.add_argument("--overwrite", action="store_true", help="replace the campaign in the folder")
     p.add_argument("--all", action="store_true", help="print the measures of the simulation, too")
@@ -85,21 +93,26 @@ def evaluate(arguments: argparse.Namespace) -> int:
     Raises:
         InputError: an argument or a file cannot be used; raised before the first run.
     """
+    folder = CampaignFolder(Path(arguments.out))
+    if arguments.merge is not None:
+        with folder.alone():
+            merge(arguments.merge, folder)
+            return _concluded(folder, arguments)
     suite = suite_of(arguments)
     versions = code_versions()
     whole, (suite, cases) = suite, cases_to_run(arguments, suite, versions)
-    is_part = suite is not whole
     if arguments.save_suite is not None:
         write_suite(suite, arguments.save_suite)
         print(f"{arguments.save_suite}: {len(suite.cases)} cases")
         return 0
-    refuse_unusable(arguments, cases)
     try:
         suite.criteria.check_counts(len(cases))
     except ValueError as error:
         within = "" if arguments.criteria else "criteria."
         raise InputError(f"{arguments.criteria or arguments.suite}: field {within}{error}") from error
-    folder = CampaignFolder(Path(arguments.out))
+    shard, cases = (None, cases) if arguments.part is None else shard_of(cases, *arguments.part)
+    is_part = suite is not whole or shard is not None
+    refuse_unusable(arguments, cases)
     runs: LocalRuns | RayRuns
     runs = local = LocalRuns(folder, suite.criteria, arguments.processes, arguments.time_limit)
     if arguments.ray is not None:
@@ -116,7 +129,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
         print(f"{_counted(done.values())}; {len(cases) - len(done)} of {len(cases)} to be run")
         return 0
     with folder.alone():
-        done = folder.begin(suite, cases, versions, overwrite=arguments.overwrite, is_part=is_part)
+        done = folder.begin(suite, cases, versions, overwrite=arguments.overwrite, is_part=is_part, shard=shard)
         if changes and folder.history:
             print(f"their verdicts are kept in {folder.history[-1]}; see the difference: compare {folder.path}")
         if arguments.retry_errors:
@@ -127,7 +140,19 @@ def evaluate(arguments: argparse.Namespace) -> int:
         except BaseException:
             print_error("the campaign ended before all runs were done; the same command resumes it")
             raise
-        campaign = conclude(folder)
+        return _concluded(folder, arguments)
+
+
+def _part(text: str) -> tuple[int, int]:
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise argparse.ArgumentTypeError(f"{text!r}, expected I/N, such as 1/4, with I from 1 to N")
+    return int(number), int(count)
+
+
+def _concluded(folder: CampaignFolder, arguments: argparse.Namespace) -> int:
+    """Writes and prints the campaign in `folder`; returns the exit status."""
+    campaign = conclude(folder)
     _print(campaign, everything=arguments.all, intervals=arguments.intervals)
     print(f"report: {campaign.folder / EXPERIMENT_REPORT_FILE}")
     return 0 if campaign.passes else EXIT_FAILED
