@@ -43,7 +43,6 @@ class MapProjector(BaseModel):
         projector_type: Local: coordinates in metres are in tags of the nodes; LocalCartesianUTM: UTM metres from the
             origin; MGRS: UTM metres from the south-west corner of a square; TransverseMercator: as UTM, with the
             central meridian through the origin.
-        vertical_datum: of heights, not used.
         mgrs_grid: the square, such as ``54SUE``.
         map_origin: the origin.
     """
@@ -51,7 +50,6 @@ class MapProjector(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
     projector_type: Literal["Local", "local", "LocalCartesianUTM", "MGRS", "TransverseMercator"]
-    vertical_datum: str = ""
     mgrs_grid: Annotated[str, Field(pattern=r"^\d{1,2}[C-HJ-NP-X][A-HJ-NP-Z][A-HJ-NP-V]$")] | None = None
     map_origin: Origin | None = None
 
