@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import litsim_sim
-from litsim_eval.analysis.measures.collision import Verdict, collisions, contacts, judge
+from litsim_eval.analysis.measures.collision import Impact, collisions, contacts, judge
 from litsim_sim.core.scene import Controller
 from litsim_sim.lane_map.lane_map import LaneMap
 
@@ -18,7 +18,7 @@ NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"  # lanes of 3
 Make = Callable[..., Any]
 
 
-def verdict(table: Make, ego: dict[str, float], agent: dict[str, float], inside: bool = True) -> tuple[Verdict, bool]:
+def verdict(table: Make, ego: dict[str, float], agent: dict[str, float], inside: bool = True) -> tuple[Impact, bool]:
     scene = table(5, {"id": 1, "x": 0.0, "y": 0.0} | ego, {"id": 2, "speed": 15.0} | agent)
     assert [contact.pair for contact in contacts([scene], 0.1)] == [(1, 2)], "the scene must be a contact"
     contact = judge(scene, 1, 2, cast(LaneMap, SimpleNamespace(inside_lane=lambda *_: [inside])))
@@ -28,41 +28,41 @@ def verdict(table: Make, ego: dict[str, float], agent: dict[str, float], inside:
 
 
 def test_stopped_ego_is_not_at_fault(table: Make) -> None:
-    assert verdict(table, {"speed": 0.05}, {"x": 3.8, "y": 0.0}) == (Verdict.STOPPED_EGO, False)
+    assert verdict(table, {"speed": 0.05}, {"x": 3.8, "y": 0.0}) == (Impact.STOPPED_EGO, False)
 
 
 def test_ego_that_creeps_is_judged(table: Make) -> None:
-    assert verdict(table, {"speed": 0.06}, {"x": 3.8, "y": 0.0}) == (Verdict.FRONT, True)
+    assert verdict(table, {"speed": 0.06}, {"x": 3.8, "y": 0.0}) == (Impact.FRONT, True)
 
 
 def test_stopped_track_is_the_ego_s_fault_wherever_it_is(table: Make) -> None:
-    assert verdict(table, {}, {"x": 3.8, "y": 0.0, "speed": 0.05}) == (Verdict.STOPPED_TRACK, True)
-    assert verdict(table, {}, {"x": -3.8, "y": 0.0, "speed": 0.0}) == (Verdict.STOPPED_TRACK, True)
+    assert verdict(table, {}, {"x": 3.8, "y": 0.0, "speed": 0.05}) == (Impact.STOPPED_TRACK, True)
+    assert verdict(table, {}, {"x": -3.8, "y": 0.0, "speed": 0.0}) == (Impact.STOPPED_TRACK, True)
 
 
 def test_track_that_creeps_is_judged(table: Make) -> None:
-    assert verdict(table, {}, {"x": -3.8, "y": 0.0, "speed": 0.06}) == (Verdict.REAR, False)
+    assert verdict(table, {}, {"x": -3.8, "y": 0.0, "speed": 0.06}) == (Impact.REAR, False)
 
 
 def test_track_behind_runs_into_the_ego(table: Make) -> None:
-    assert verdict(table, {}, {"x": -3.8, "y": 0.5}) == (Verdict.REAR, False)
+    assert verdict(table, {}, {"x": -3.8, "y": 0.5}) == (Impact.REAR, False)
 
 
 def test_track_at_the_rear_corner_is_not_behind(table: Make) -> None:
-    assert verdict(table, {}, {"x": -3.0, "y": 1.8}, inside=False) == (Verdict.LATERAL, True)
+    assert verdict(table, {}, {"x": -3.0, "y": 1.8}, inside=False) == (Impact.LATERAL, True)
 
 
 def test_front_bumper_meets_the_track(table: Make) -> None:
-    assert verdict(table, {}, {"x": 3.8, "y": 0.0}) == (Verdict.FRONT, True)
-    assert verdict(table, {}, {"x": 1.0, "y": 1.9}) == (Verdict.FRONT, True)  # it cuts in: its rear is at the bumper
+    assert verdict(table, {}, {"x": 3.8, "y": 0.0}) == (Impact.FRONT, True)
+    assert verdict(table, {}, {"x": 1.0, "y": 1.9}) == (Impact.FRONT, True)  # it cuts in: its rear is at the bumper
 
 
 def test_track_beside_the_bumper_is_lateral(table: Make) -> None:
-    assert verdict(table, {}, {"x": -0.1, "y": 1.9}) == (Verdict.LATERAL, False)
+    assert verdict(table, {}, {"x": -0.1, "y": 1.9}) == (Impact.LATERAL, False)
 
 
 def test_lateral_contact_out_of_the_lane_is_the_ego_s_fault(table: Make) -> None:
-    assert verdict(table, {}, {"x": -0.1, "y": 1.9}, inside=False) == (Verdict.LATERAL, True)
+    assert verdict(table, {}, {"x": -0.1, "y": 1.9}, inside=False) == (Impact.LATERAL, True)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, np.pi, -2.0])
@@ -78,7 +78,7 @@ def test_lane_of_the_attached_net_decides(table: Make, make_run: Make, y: float,
     scene = table(1, {"id": 1, "x": 100.0, "y": y}, {"id": 2, "x": 99.9, "y": y - 1.9, "speed": 15.0})
     run = make_run([table(0), scene], net_xml=NET.read_bytes())
     (contact,) = collisions(run).ego
-    assert (contact.verdict, contact.ego_at_fault) == (Verdict.LATERAL, at_fault)
+    assert (contact.verdict, contact.ego_at_fault) == (Impact.LATERAL, at_fault)
 
 
 def test_without_a_net_lateral_contacts_are_the_ego_s_fault(table: Make, make_run: Make) -> None:
@@ -88,7 +88,7 @@ def test_without_a_net_lateral_contacts_are_the_ego_s_fault(table: Make, make_ru
 
 def test_what_is_behind_the_ego_is_seen_from_the_rear_axle_of_its_own_vehicle(table: Make, make_run: Make) -> None:
     run = make_run([table(k, {"id": 1, "x": 0.0, "y": 0.0}, {"id": 2, "x": -3.8, "y": 1.2}) for k in range(3)])
-    for vehicle, expected in (("{}", Verdict.REAR), ("{rear_axle: 0.5}", Verdict.LATERAL)):
+    for vehicle, expected in (("{}", Impact.REAR), ("{rear_axle: 0.5}", Impact.LATERAL)):
         made = replace(run, scenario_yaml=f"start_frame: 0\nvehicle: {vehicle}\n")
         assert [contact.verdict for contact in collisions(made).ego] == [expected]
 

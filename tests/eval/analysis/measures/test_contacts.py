@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from litsim_eval.analysis.measures.collision import Contact, Verdict, collisions, contacts
+from litsim_eval.analysis.measures.collision import Contact, Impact, collisions, contacts
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_sim.core.scene import AgentTable, Kind
 from litsim_sim.core.takeover import TakeoverState
@@ -100,7 +100,7 @@ def test_a_log_that_lags_has_its_contacts_later(run: Make) -> None:
 def test_the_ego_is_judged_by_the_first_contact_that_the_log_has_not(run: Make) -> None:
     one = run([*range(20, 30), *range(70, 75)], range(20, 30), pair=(1, 2))
     (contact,) = collisions(one).ego
-    assert (contact.agent, contact.step, contact.verdict) == (2, 70, Verdict.FRONT)
+    assert (contact.agent, contact.step, contact.verdict) == (2, 70, Impact.FRONT)
     (contact,) = collisions(run(range(20, 30), range(20, 30), pair=(1, 2))).ego
     assert contact.step == 20, "of those that the log has, the first"
 

@@ -14,7 +14,7 @@ from enum import StrEnum
 import numpy as np
 
 from litsim_eval.analysis.careful_driver import LOOK_BACK_S, OVER_S, TTC_S, CarefulDriver, hidden
-from litsim_eval.analysis.measures.collision import STOPPED_SPEED, EgoContact, Verdict
+from litsim_eval.analysis.measures.collision import STOPPED_SPEED, EgoContact, Impact
 from litsim_eval.analysis.measures.road_rules import on_wrong_side
 from litsim_eval.analysis.measures.signals import run_passages
 from litsim_sim.core.geometry import to_body, wrap_angle
@@ -99,7 +99,7 @@ def blame(run: Run, contact: EgoContact, own: CarefulDriver, other: CarefulDrive
         elif pair.at_once(own.perceived_step):
             cause, by = Cause.START, Side.NEITHER
     if by == Side.EGO:
-        late = cause in (Cause.ENTERED, Cause.RIGHT_OF_WAY) and contact.verdict in (Verdict.REAR, Verdict.STOPPED_EGO)
+        late = cause in (Cause.ENTERED, Cause.RIGHT_OF_WAY) and contact.verdict in (Impact.REAR, Impact.STOPPED_EGO)
         return Blame(cause, by, of_ego=not (late and other is not None and other.avoided))
     beside = cause in (Cause.ENTERED, Cause.FOLLOWED) and not pair.ahead_at(own.perceived_step)
     of_ego = own.avoided and not beside and cause != Cause.STANDING

@@ -112,7 +112,7 @@ def _contacts_in(steps: Steps, dt: float) -> tuple[Contact, ...]:
     return tuple(sorted(merged, key=lambda contact: contact.first))
 
 
-class Verdict(StrEnum):
+class Impact(StrEnum):
     """nuPlan's kinds of ego contact, in the order in which they are tested."""
 
     STOPPED_EGO = "stopped_ego"
@@ -137,7 +137,7 @@ class EgoContact:
 
     agent: int
     step: int
-    verdict: Verdict
+    verdict: Impact
     ego_at_fault: bool
     delta_v: float
 
@@ -231,8 +231,8 @@ def judge(
     """
     e, a = table.row(ego), table.row(agent)
     verdict = _verdict(table, e, a, rear_axle)
-    at_fault = verdict in (Verdict.STOPPED_TRACK, Verdict.FRONT)
-    if verdict == Verdict.LATERAL:
+    at_fault = verdict in (Impact.STOPPED_TRACK, Impact.FRONT)
+    if verdict == Impact.LATERAL:
         box = (values[e : e + 1] for values in (table.x, table.y, table.yaw, table.length, table.width))
         at_fault = lane_map is None or not lane_map.inside_lane(*box)[0]
     yaw, speed = table.yaw[[e, a]], table.speed[[e, a]]
@@ -240,16 +240,16 @@ def judge(
     return EgoContact(agent, table.step, verdict, bool(at_fault), 0.5 * float(np.hypot(*relative[0])))
 
 
-def _verdict(table: AgentTable, e: int, a: int, rear_axle: float) -> Verdict:
+def _verdict(table: AgentTable, e: int, a: int, rear_axle: float) -> Impact:
     if table.speed[e] <= STOPPED_SPEED:
-        return Verdict.STOPPED_EGO
+        return Impact.STOPPED_EGO
     if table.speed[a] <= STOPPED_SPEED:
-        return Verdict.STOPPED_TRACK
+        return Impact.STOPPED_TRACK
     lever = rear_axle * table.length[e]
     dx = table.x[a] - (table.x[e] - lever * np.cos(table.yaw[e]))
     dy = table.y[a] - (table.y[e] - lever * np.sin(table.yaw[e]))
     if abs(wrap_angle(np.arctan2(dy, dx) - table.yaw[e])) > BEHIND_ANGLE:
-        return Verdict.REAR
+        return Impact.REAR
     corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
     bumper = shapely.LineString(corners[e][[0, 3]])  # front left, front right
-    return Verdict.FRONT if bumper.intersects(shapely.Polygon(corners[a])) else Verdict.LATERAL
+    return Impact.FRONT if bumper.intersects(shapely.Polygon(corners[a])) else Impact.LATERAL

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from litsim_eval.analysis.measure import LOWER, Branch, Count, Share, family, mean_of
-from litsim_eval.analysis.measures.collision import Verdict, collisions, judge
+from litsim_eval.analysis.measures.collision import Impact, collisions, judge
 from litsim_eval.analysis.measures.motion_features import SAMPLE
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
@@ -29,8 +29,8 @@ MOVING, BACKWARDS_M, TURNED = 1.0, -2.0, math.radians(75.0)  # wrong way: [m/s],
 ACCELERATION_MAX, CURVATURE_MAX = 6.001, 0.301  # [m/s2], [1/m]; Waymax's bounds with the paper's tolerance
 SPAN = round(1.0 / STEP_S)  # steps over which one goes backwards
 STEERED_SPEED = 0.6  # [m/s] below which there is no curvature
-AT_FAULT = (Verdict.FRONT, Verdict.STOPPED_TRACK)
-EXCUSED = (Verdict.REAR, Verdict.STOPPED_EGO)
+AT_FAULT = (Impact.FRONT, Impact.STOPPED_TRACK)
+EXCUSED = (Impact.REAR, Impact.STOPPED_EGO)
 
 
 @Branch
