@@ -1,4 +1,4 @@
-"""The table of docs/credibility.md and the packaged results, which pages of campaigns quote, are of the same drivers."""
+"""The table of docs/credibility.md is of the packaged results, which pages of campaigns quote."""
 
 import json
 import re
