@@ -108,15 +108,13 @@ class PolicyC(Policy):
         passing = [t for t in held if t.path_source == PathSource.LANE]
         keeping = [t for t in held if t.path_source != PathSource.LANE]
         by_rules = [t for t in takeovers.takeovers if not t.state.drives_on or t.agent in walking]
-        return ControlTable.merged(
-            self._keep(table, keeping), self._by_rules(table, by_rules), self._pass(table, passing)
-        )
+        answers = [(self._keep, keeping), (self._by_rules, by_rules), (self._pass, passing)]
+        controls = [answer(table, agents) for answer, agents in answers if agents]
+        return ControlTable.merged(ControlTable.empty(table.step), *controls)
 
     def _keep(self, table: AgentTable, keeping: Sequence[Takeover]) -> ControlTable:
         """Returns controls of agents that keep to their paths."""
         scene = DrivingScene.of_takeovers(self._lane_map, table, keeping)
-        if not len(scene):
-            return ControlTable.empty(table.step)
         if self._driving is None:
             acceleration, yaw_rate = self._onwards(scene.agents, keeping), scene.agents.path_yaw_rate
         else:
@@ -145,8 +143,6 @@ class PolicyC(Policy):
         Plain car following would brake hard for the leader in the lane that they are leaving.
         """
         asked = self._by_rules(table, passing)
-        if not passing:
-            return asked
         scene = DrivingScene.of_takeovers(self._lane_map, table, passing)
         braking = np.maximum(asked.acceleration, -COMFORTABLE.deceleration)
         return guarded(scene, braking, asked.yaw_rate, self._safety)
