@@ -47,7 +47,7 @@ def test_a_time_limit_is_no_end() -> None:
 
 def reach(observation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest acceleration, as actions (m,) each, that the bounds on jerk let through."""
-    low, high = pedal_bounds(observation, SEEN)
+    low, high = pedal_bounds(observation)
     return np.tanh(low), np.tanh(high)
 
 
