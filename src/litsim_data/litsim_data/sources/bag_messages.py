@@ -135,7 +135,7 @@ class _Messages(LoadedTable):
 
     zero_ns: int = 0
 
-    def at(self, *rows: int) -> str:
+    def place(self, *rows: int) -> str:
         """See :class:`LoadedTable`."""
         places = []
         for topic, agent, time in (

@@ -105,7 +105,7 @@ class _Rows(TableOfFile):
     clocks: Clocks
     period: Period
 
-    def at(self, *rows: int) -> str:
+    def place(self, *rows: int) -> str:
         """See :class:`TableFiles`; rows are lines of the file."""
         return f"{self.path}: line{'s' if len(rows) > 1 else ''} {' and '.join(map(str, rows))}"
 
