@@ -200,8 +200,8 @@ def test_commands_of_drivers_count_later_by_the_latency(braking: Scenario) -> No
 def test_what_cannot_be_run_is_refused(braking: Scenario) -> None:
     with pytest.raises(InputError, match="nobody"):
         Simulation(braking, "nobody")
-    with pytest.raises(InputError, match=r"policy yeild \(near: yield\); expected .*replay"):
-        Simulation(braking, "idm", "yeild")
+    with pytest.raises(InputError, match=r"policy litsimm \(near: litsim\); expected .*replay"):
+        Simulation(braking, "idm", "litsimm")
     with pytest.raises(ValueError, match="3 egos for 1 scenarios"):
         Simulation(braking, ["idm", "idm", "log"])
 
