@@ -269,7 +269,7 @@ DEMO = ("--ego-id", "3,7,24", "--ego", "idm", "perturbed", "--policy", "replay",
 @pytest.fixture(scope="module")
 def short_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The first seconds of the demo: six of its runs take a while, which is enough to end them midway."""
-    return Path(scenario_file(tmp_path_factory.mktemp("short_demo"), "demo", simulation_s=6.0))
+    return Path(scenario_file(tmp_path_factory.mktemp("short_demo"), "demo", simulation_s=15.0))
 
 
 @pytest.fixture(scope="module")
