@@ -13,7 +13,7 @@ import pandas as pd
 from litsim_data.generic.mapping import Columns
 from litsim_data.generic.mapping import Mapping as Meaning
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.table_input import TableFiles
+from litsim_sim.io.table_input import TableFiles, places
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class LoadedTable(TableOfFile):
 
     def place(self, *rows: int) -> str:
         """See :class:`TableFiles`; rows count from 1, in the order of the file."""
-        return f"{self.path}: row{'s' if len(rows) > 1 else ''} {' and '.join(map(str, rows))} of its tracks"
+        return f"{places(self.path, 'row', rows)} of its tracks"
 
     def read(self, wanted: list[str], *, needed: set[str] | None = None, whose: str = "") -> pd.DataFrame:  # noqa: ARG002 - all are there
         """See :class:`TableFiles`."""

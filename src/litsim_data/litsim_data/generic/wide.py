@@ -17,7 +17,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.input_files import open_input, read_head, read_json, require_file
 from litsim_sim.io.parquet_input import is_parquet
-from litsim_sim.io.table_input import HEAD_BYTES, TableFiles, separator_of
+from litsim_sim.io.table_input import HEAD_BYTES, TableFiles, places, separator_of
 
 SCALARS = (str, int, float, bool, type(None))
 FIRST_ROWS = 6  # lines by which repeated columns are recognised
@@ -70,7 +70,7 @@ class Records(TableOfFile):
 
     def place(self, *rows: int) -> str:
         """See :class:`TableFiles`; rows are numbers of objects, from 1."""
-        return f"{self.path}: object{'s' if len({*rows}) > 1 else ''} {' and '.join(map(str, dict.fromkeys(rows)))}"
+        return places(self.path, "object", list(dict.fromkeys(rows)))
 
     def read(self, wanted: list[str], *, needed: set[str] | None = None, whose: str = "") -> pd.DataFrame:
         """See :class:`TableFiles`; `row` is the number of the object."""

@@ -34,6 +34,7 @@ from litsim_data.sources.source import ReadySource, Scene, Source
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.io.parquet_input import is_parquet, read_schema
+from litsim_sim.io.table_input import places
 from litsim_sim.scenario.cropping import Crop
 from litsim_sim.scenario.recording import BOUNDS, Recording
 
@@ -107,7 +108,7 @@ class _Rows(TableOfFile):
 
     def place(self, *rows: int) -> str:
         """See :class:`TableFiles`; rows are lines of the file."""
-        return f"{self.path}: line{'s' if len(rows) > 1 else ''} {' and '.join(map(str, rows))}"
+        return places(self.path, "line", rows)
 
     def read(self, wanted: list[str], *, needed: set[str] | None = None, whose: str = "") -> pd.DataFrame:  # noqa: ARG002 - all are there
         """See :class:`TableFiles`."""

@@ -74,8 +74,7 @@ class TableFile:
 
     def place(self, *rows: int) -> str:
         """Returns a text that names the places of `rows`: lines of a CSV file, or rows of a Parquet file, from 1."""
-        word, places = ("row", list(rows)) if self.parquet else ("line", _lines(self.path, rows))
-        return f"{self.path}: {word}{'s' if len(rows) > 1 else ''} {' and '.join(map(str, places))}"
+        return places(self.path, "row", rows) if self.parquet else places(self.path, "line", _lines(self.path, rows))
 
     def read(self, wanted: list[str], *, whose: str = "", may_be_empty: bool = False) -> pd.DataFrame:
         """Returns the columns `wanted`, and `row`, the number for :meth:`place`; empty lines of a CSV file are skipped.
@@ -167,6 +166,11 @@ class TableFiles:
             table = file.read([name for name in wanted if name in file.columns or name not in somewhere], whose=whose)
             pieces.append(table.assign(row=table["row"] + number * ROWS_MAX))
         return pieces[0] if len(pieces) == 1 else pd.concat(pieces, ignore_index=True)
+
+
+def places(path: Path, word: str, numbers: Sequence[int]) -> str:
+    """Returns a text that names places in a file by a word and their numbers, such as `a.csv: lines 3 and 4`."""
+    return f"{path}: {word}{'s' if len(numbers) > 1 else ''} {' and '.join(map(str, numbers))}"
 
 
 def _lines(path: Path, rows: Sequence[int]) -> list[int]:
