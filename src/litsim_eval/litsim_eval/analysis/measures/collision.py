@@ -230,17 +230,17 @@ def judge(
         rear_axle: distance of the ego's rear axle, from which a track is seen, behind its box centre [lengths].
     """
     e, a = table.row(ego), table.row(agent)
-    verdict = _verdict(table, e, a, rear_axle)
-    at_fault = verdict in (Impact.STOPPED_TRACK, Impact.FRONT)
-    if verdict == Impact.LATERAL:
+    impact = _impact(table, e, a, rear_axle)
+    at_fault = impact in (Impact.STOPPED_TRACK, Impact.FRONT)
+    if impact == Impact.LATERAL:
         box = (values[e : e + 1] for values in (table.x, table.y, table.yaw, table.length, table.width))
         at_fault = lane_map is None or not lane_map.inside_lane(*box)[0]
     yaw, speed = table.yaw[[e, a]], table.speed[[e, a]]
     relative = np.diff(np.stack([speed * np.cos(yaw), speed * np.sin(yaw)], axis=1), axis=0)
-    return EgoContact(agent, table.step, verdict, bool(at_fault), 0.5 * float(np.hypot(*relative[0])))
+    return EgoContact(agent, table.step, impact, bool(at_fault), 0.5 * float(np.hypot(*relative[0])))
 
 
-def _verdict(table: AgentTable, e: int, a: int, rear_axle: float) -> Impact:
+def _impact(table: AgentTable, e: int, a: int, rear_axle: float) -> Impact:
     if table.speed[e] <= STOPPED_SPEED:
         return Impact.STOPPED_EGO
     if table.speed[a] <= STOPPED_SPEED:
