@@ -89,9 +89,11 @@ def setup_of(policy: str | PolicySetup) -> PolicySetup:
     """
     if isinstance(policy, PolicySetup):
         return policy
-    if policy not in policy_choices():
-        raise InputError(f"policy {not_among([policy], policy_choices())}")
-    return PolicySetup(name=policy, kind=policy) if policy in policy_names() else _installed(policy)
+    if policy in policy_names():
+        return PolicySetup(name=policy, kind=policy)
+    if policy in installed_setups():
+        return _installed(policy)
+    raise InputError(f"policy {not_among([policy], policy_choices())}")
 
 
 @lru_cache
