@@ -12,9 +12,9 @@ from safetensors.torch import load_file, save_file
 from litsim_policy.driving.action import HIGH, LOW, consistent, executed_yaw_rate, normalised, physical
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.driving.features.scales import ACCELERATION
-from litsim_policy.driving.policy_c import PolicyC
+from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.policy_network import FORMAT, PACKAGED, PolicyNetwork
-from litsim_policy.driving.registry import make_policy
+from litsim_policy.driving.safety.layer import SafetyConfig
 from litsim_research.policies.network import GaussianPolicy, driving_network, pedal_bounds, save
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, ControlSource
@@ -173,7 +173,6 @@ def test_files_that_are_damaged(policy, tmp_path: Path, content: bytes | None) -
 def test_shipped_weights_drive(make_scenario, track, drive, weights: str) -> None:
     ego, follower = track(1, x=200.0, last=110), track(2, x=170.0, last=110)
     scenario = make_scenario(ego, follower)
-    assert isinstance(make_policy("litsim", scenario), PolicyC)
     run = drive(
         scenario,
         lambda table, _: (-3.0 if table.step < 40 else 0.5, 0.0),
@@ -201,11 +200,11 @@ def test_without_network_and_rules_only_the_guard_brakes(
 def test_without_network_it_drives_on_as_its_log_does(make_scenario, track, placed, lane_centres, lag: int) -> None:
     y = lane_centres[1]
     scenario = make_scenario(track(1, x=300.0), track(2, x=100.0, y=y, speed=8.0, acceleration=0.7))
-    parameters = {"rules": False, "safety.contact": False}
+    config = PolicyCConfig(rules=False, safety=SafetyConfig(contact=False))
     then, path = scenario.log.table(20 - lag), np.array([[90.0, y], [400.0, y]])
     own = {name: float(getattr(then, name)[then.row(2)]) for name in ("x", "speed", "acceleration")}
     table = placed(scenario.log.table(20), 2, **own)
     held = TakeoverTable(20, (takeover(2, reference_path=path, time_shift=lag * STEP_S),))
-    controls = make_policy("litsim", scenario, parameters).act(table, held)
+    controls = PolicyC(scenario, config).act(table, held)
     assert controls.acceleration[0] == pytest.approx(0.7, abs=1e-6)
     assert controls.yaw_rate[0] == pytest.approx(0.0, abs=1e-9)

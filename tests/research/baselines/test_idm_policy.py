@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from litsim_data.traffic.drivers import calibrated
-from litsim_policy.driving.registry import make_policy
 from litsim_research.baselines.idm_policy import IdmPolicy, IdmPolicyConfig
 from litsim_sim.core.scene import ControlSource
 from litsim_sim.core.takeover import TakeoverState, TakeoverTable
+from litsim_sim.scenario.policies import class_of_policy
 from litsim_sim.scenario.scenario import Scenario
 from made_agents import takeovers_in_region
 
@@ -73,7 +73,7 @@ def test_nobody_to_drive(scenario: Scenario) -> None:
 
 
 def test_it_follows_an_ego_that_stops_and_is_never_given_back(scenario: Scenario, drive: Any) -> None:
-    assert isinstance(make_policy("idm", scenario), IdmPolicy)
+    assert class_of_policy("idm") is IdmPolicy
     driven = drive(scenario, lambda table, row: (-3.0 if table.speed[row] > 0.3 else 0.0, 0.0), policy="idm")
     assert driven.life(2) == [TakeoverState.HELD]
     gap = driven.series(1, "x") - driven.series(2, "x") - LENGTH

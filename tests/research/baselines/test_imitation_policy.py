@@ -10,7 +10,6 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from litsim_policy.driving.features.traffic_observation import SIZE
-from litsim_policy.driving.registry import make_policy
 from litsim_research.baselines.imitation_policy import (
     BOUNDS,
     FORMAT,
@@ -24,6 +23,7 @@ from litsim_research.imitation.network import TrafficPolicy, save
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ControlSource
 from litsim_sim.core.takeover import TakeoverState
+from litsim_sim.scenario.policies import class_of_policy
 from litsim_sim.scenario.scenario import Scenario
 from made_agents import takeovers_in_region
 
@@ -149,7 +149,7 @@ def test_files_that_are_wrong(
 def test_the_shipped_networks_drive_a_column_behind_an_ego_that_follows_its_log(
     scenario: Scenario, drive: Any, name: str
 ) -> None:
-    assert isinstance(make_policy(name, scenario), ImitationPolicy)
+    assert issubclass(class_of_policy(name), ImitationPolicy)
     driven = drive(scenario, lambda *_: (0.0, 0.0), policy=name)
     assert driven.life(2) == [TakeoverState.HELD]
     x, y = driven.series(2, "x"), driven.series(2, "y")

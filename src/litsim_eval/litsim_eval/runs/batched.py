@@ -14,7 +14,6 @@ from typing import Any, TypeVar
 from litsim_eval.campaign.case import GRAPH, Case
 from litsim_eval.runs.case_run import measured, plan_of, run_in_process
 from litsim_eval.runs.runner import as_recorded
-from litsim_policy.driving.policy import policy_class
 from litsim_predictor.models import DEFAULT_MODEL, model_names
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import reason
@@ -22,7 +21,7 @@ from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.stages import EGO, PREDICTOR
 from litsim_sim.record.run import Run as RecordedRun
 from litsim_sim.scenario.batched import kind
-from litsim_sim.scenario.policies import REPLAY
+from litsim_sim.scenario.policies import REPLAY, class_of_policy
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.simulation import Simulation, Step, configured
 
@@ -76,7 +75,7 @@ def can_batch(policy: str, parameters: Parameters) -> bool:
         return True
     model = str(parameters.get(PREDICTOR, {}).get("model", DEFAULT_MODEL))
     predictor = plugins.load(plugins.PREDICTORS, model).batched if model in model_names() else True  # a file's is ours
-    return bool(policy_class(policy).batched and predictor)
+    return bool(class_of_policy(policy).batched and predictor)
 
 
 def common_parameters(plan: RunPlan) -> Parameters:

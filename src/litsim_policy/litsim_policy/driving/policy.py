@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
-from litsim_sim.core import plugins
 from litsim_sim.core.plugins import Configured
 from litsim_sim.core.scene import AgentTable, ControlTable
 from litsim_sim.core.takeover import TakeoverTable
@@ -33,13 +32,3 @@ class Policy(Configured, ABC):
     @abstractmethod
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Controls for the agents of `takeovers` at the step of `table`; agents without controls follow their logs."""
-
-
-def policy_class(name: str) -> type[Policy]:
-    """The class of the installed policy `name`.
-
-    Raises:
-        InputError: there is none, or it cannot be imported.
-    """
-    policy: type[Policy] = plugins.load(plugins.POLICIES, name)
-    return policy

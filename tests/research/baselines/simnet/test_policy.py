@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_policy.driving.registry import make_policy
+from litsim_policy.driving.registry import policy_stage
 from litsim_research.baselines.simnet.output import OUTPUTS
 from litsim_research.baselines.simnet.policy import SimnetPolicy
 from litsim_research.baselines.simnet.raster import CHANNELS, FRAMES, OTHERS, OWN, SMALL
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import Controller, ControlSource
+from litsim_sim.core.stages import POLICY
 from litsim_sim.core.takeover import TakeoverTable
 from made_agents import takeovers_in_region
 
@@ -98,4 +100,4 @@ def test_it_drives_on_an_empty_road(make_scenario: Any, track: Any, drive: Any) 
 
 def test_weights_that_do_not_fit(scenario: Any) -> None:
     with pytest.raises(InputError, match=r"a\.safetensors: no such weights of simnet"):
-        make_policy("simnet", scenario, {"simnet.weights": "a.safetensors"})
+        policy_stage(ParameterOverrides(POLICY, {"simnet.weights": "a.safetensors"}))("simnet", scenario)
