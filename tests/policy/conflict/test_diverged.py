@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow, Opening
+from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState
 
@@ -17,7 +17,8 @@ ROUTE = ReferencePath(np.column_stack([np.arange(20.0, 260.0), np.full(240, 1.0)
 def opened(agent: int, path: ReferencePath = ROUTE, x: float = 50.0) -> DivergedAgents:
     goal, reason = np.array([x, 0.5, 0.1]), TakeoverReason.CONFLICT
     source = PathSource.LOGGED if path is STRAIGHT else PathSource.ROUTE
-    return DivergedAgents.opened(Opening(agent, agent + 100, 7, reason, goal, path, source, STRAIGHT, 1.5, 0.75))
+    paths, measured = (path, source, STRAIGHT), {"time_to_conflict": 1.5, "overlap_probability": 0.75}
+    return DivergedAgents.opened(agent, agent + 100, 7, reason, goal, paths, **measured)
 
 
 def test_tables_join_in_order_of_ids_and_keep_their_columns_together() -> None:

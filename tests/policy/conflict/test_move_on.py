@@ -10,7 +10,7 @@ import pytest
 
 from litsim_policy.conflict import own_intent
 from litsim_policy.conflict.config import ConflictConfig
-from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow, Opening
+from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow
 from litsim_policy.conflict.takeover import move_on
 from litsim_policy.conflict.way_back import obstructed
 from litsim_policy.motion.reference_path import ReferencePath
@@ -31,9 +31,7 @@ def diverged(count: int) -> DivergedAgents:
     for agent in range(1, count + 1):
         y = 20.0 * agent
         goal, reason = np.array([50.0, y, 0.0]), TakeoverReason.CONFLICT
-        opening = Opening(agent, 99, 10, reason, goal, lane(y), PathSource.ROUTE, lane(y), 1.0, 0.9)
-        off = off.joined(DivergedAgents.opened(opening))
-    off.source[:] = PathSource.ROUTE
+        off = off.joined(DivergedAgents.opened(agent, 99, 10, reason, goal, (lane(y), PathSource.ROUTE, lane(y))))
     return off
 
 

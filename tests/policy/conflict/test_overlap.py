@@ -12,6 +12,7 @@ from litsim_policy.conflict.broad_phase import may_overlap
 from litsim_policy.conflict.futures import Boxes
 from litsim_policy.conflict.overlap import mixture_overlap_probability
 from litsim_policy.conflict.predicted_motion import XX, YAW, AlternativeMotions, PredictedMotion, X, Y
+from litsim_sim.core import pair_geometry
 from litsim_sim.core.geometry import box_corners, boxes_overlap
 
 angles = st.floats(-np.pi, np.pi)
@@ -55,8 +56,8 @@ def drawn(boxes: tuple[float, ...], dx: float, dy: float, covariance: np.ndarray
 @given(offsets, offsets, angles, angles, st.tuples(lengths, widths), st.tuples(lengths, widths))
 def test_the_strips_hold_the_distances_at_which_shapely_sees_an_overlap(dx, dy, yaw_a, yaw_b, size_a, size_b) -> None:
     a, b = polygon(0.0, 0.0, yaw_a, size_a), polygon(dx, dy, yaw_b, size_b)
-    normal_x, normal_y, _, half = overlap.strips(yaw_a, yaw_b, *size_a, *size_b)
-    contained = overlap.contain(normal_x, normal_y, half, dx, dy)
+    normal_x, normal_y, _, half = np.array(overlap.strips(yaw_a, yaw_b, *size_a, *size_b))
+    contained = (np.abs(dx * normal_x + dy * normal_y) < half).all()
     assume(a.distance(b) > 1e-6 or a.intersection(b).area > 1e-6)  # touching is a matter of rounding
     assert contained == (a.intersection(b).area > 1e-6)
 
@@ -136,8 +137,7 @@ def test_probabilities_of_pairs_are_those_of_numpy_at_every_step(seed: int, leas
         if covariance[0] + covariance[1] > 0.0:
             exact[k, t] = overlap.probability_within(*overlap.strips(*boxes), *delta, tuple(covariance))
         else:
-            normal_x, normal_y, _, half = overlap.strips(*boxes)
-            exact[k, t] = overlap.contain(normal_x, normal_y, half, *delta)
+            exact[k, t] = pair_geometry.overlap(*delta, *boxes)
     both = a.valid[i] & b.valid[j]
     expected = np.where(both & (exact >= least), exact, 0.0)
     sure = np.abs(exact - least) > 0.02  # the strips bound the probability, which the quadrature gives to 0.02

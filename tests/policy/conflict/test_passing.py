@@ -10,7 +10,7 @@ import pytest
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.batched import record_batch
 from litsim_eval.runs.runner import Runner, record
-from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow, Opening
+from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow
 from litsim_policy.conflict.passing import PATIENCE, Passing
 from litsim_policy.motion.reference_path import logged_path
 from litsim_policy.motion.route import Router
@@ -121,8 +121,7 @@ def test_a_change_that_has_begun_is_given_up_where_somebody_is_or_closes_in(
     lane = lane_map.row(str(lane_map.lanes[int(lane_map.nearest(*pose[:, None]).lane[0])].left))
     router = Router(lane_map)
     logged = logged_path(scenario.log, lane_map, HELD)
-    opening = Opening(HELD, EGO, 0, TakeoverReason.CONFLICT, pose, logged, PathSource.ROUTE, logged, 2.0, 1.0)
-    off = DivergedAgents.opened(opening)
+    off = DivergedAgents.opened(HELD, EGO, 0, TakeoverReason.CONFLICT, pose, (logged, PathSource.ROUTE, logged))
     path = router.beside(pose, 50.0, lane)
     assert path is not None and path.points[0] == pytest.approx(pose[:2])
     off.pass_along(0, path, lane, 0)
@@ -155,8 +154,7 @@ def before_ramp(make_scenario, track, placed) -> Callable[..., Any]:
         table = replace(placed(scenario.log.table(0), HELD, y=y(lane, x), speed=speed), step=50)
         row = table.row(HELD)
         pose = np.array([table.x[row], table.y[row], table.yaw[row]])
-        opening = Opening(HELD, EGO, 0, TakeoverReason.CONFLICT, pose, logged, PathSource.ROUTE, logged, 2.0, 1.0)
-        off = DivergedAgents.opened(opening)
+        off = DivergedAgents.opened(HELD, EGO, 0, TakeoverReason.CONFLICT, pose, (logged, PathSource.ROUTE, logged))
         off.slowed[:] = PATIENCE
         if passes:
             path = Router(lane_map).beside(pose, 20.0, lane_map.row(lane))

@@ -27,35 +27,6 @@ COLUMNS = tuple(column.name for column in fields(Takeover))
 STATES, REASONS, SOURCES = tuple(TakeoverState), tuple(TakeoverReason), tuple(PathSource)  # numbered from 0 on
 
 
-@dataclass(frozen=True)
-class Opening:
-    """How an agent leaves its log.
-
-    Attributes:
-        agent, opponent: ids.
-        step: at which it is taken over.
-        reason: why.
-        goal: (3,) x, y [m], yaw [rad] that it drives to.
-        path: that it follows, with its `source`.
-        logged: path of its log.
-        time_to_conflict: [s] until it would meet the opponent at the goal.
-        overlap_probability: largest within the horizon.
-        in_conflict: whether its log leads into a conflict.
-    """
-
-    agent: int
-    opponent: int
-    step: int
-    reason: TakeoverReason
-    goal: FloatArray
-    path: ReferencePath
-    source: PathSource
-    logged: ReferencePath
-    time_to_conflict: float = 0.0
-    overlap_probability: float = 0.0
-    in_conflict: bool = True
-
-
 @dataclass(eq=False)
 class DivergedAgents:
     """r agents off their logs, ids ascending; arrays (r,) unless stated otherwise.
@@ -127,27 +98,41 @@ class DivergedAgents:
         return cls(*state, *rest, *passing, real)
 
     @classmethod
-    def opened(cls, opening: Opening) -> DivergedAgents:
-        """Return the table of one agent that is taken over."""
-        goal_s, _ = opening.path.project(opening.goal[:1], opening.goal[1:2])
+    def opened(
+        cls,
+        agent: int,
+        opponent: int,
+        step: int,
+        reason: TakeoverReason,
+        goal: FloatArray,
+        paths: tuple[ReferencePath, PathSource, ReferencePath],
+        *,
+        time_to_conflict: float = 0.0,
+        overlap_probability: float = 0.0,
+        in_conflict: bool = True,
+    ) -> DivergedAgents:
+        """Return the table of one agent that is taken over at `step`.
+
+        It drives to `goal` (3,), x, y [m], yaw [rad]; `paths` are its path, the source of it, and the path of its log.
+        """
         path, logged = np.empty(1, object), np.empty(1, object)
-        path[0], logged[0] = opening.path, opening.logged
+        path[0], source, logged[0] = paths
         return cls(
-            agent=np.array([opening.agent]),
-            opponent=np.array([opening.opponent]),
+            agent=np.array([agent]),
+            opponent=np.array([opponent]),
             state=np.array([TakeoverState.HELD], np.uint8),
-            reason=np.array([opening.reason], np.uint8),
-            detected_step=np.array([opening.step]),
-            time_to_conflict=np.array([opening.time_to_conflict]),
-            overlap_probability=np.array([opening.overlap_probability]),
-            pose=opening.goal[None],
-            in_conflict=np.array([opening.in_conflict]),
+            reason=np.array([reason], np.uint8),
+            detected_step=np.array([step]),
+            time_to_conflict=np.array([time_to_conflict]),
+            overlap_probability=np.array([overlap_probability]),
+            pose=goal[None],
+            in_conflict=np.array([in_conflict]),
             clear=np.array([0]),
             steady=np.array([0]),
             path=path,
             logged=logged,
-            source=np.array([opening.source], np.uint8),
-            goal_s=goal_s,
+            source=np.array([source], np.uint8),
+            goal_s=path[0].project(goal[:1], goal[1:2])[0],
             slowed=np.array([0]),
             beside=np.array([NO_LANE]),
             changed_step=np.array([-1]),

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from litsim_policy.conflict.detector import Conflict
-from litsim_policy.conflict.diverged import DivergedAgents, Opening
+from litsim_policy.conflict.diverged import DivergedAgents
 from litsim_policy.motion.reference_path import logged_path, route_path
 from litsim_policy.motion.route import Router
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray
@@ -24,19 +24,16 @@ def by_conflict(scenario: Setting, router: Router, table: AgentTable, conflict: 
     crosses = conflict.reason == TakeoverReason.CONFLICT
     route = router.path(_pose(table, row), float(table.speed[row]), conflict.pose) if crosses else None
     path, source = (logged, PathSource.LOGGED) if route is None else (route.followed_by(logged), PathSource.ROUTE)
-    opening = Opening(
+    return DivergedAgents.opened(
         conflict.agent,
         conflict.opponent,
         table.step,
         conflict.reason,
         conflict.pose,
-        path,
-        source,
-        logged,
+        (path, source, logged),
         time_to_conflict=conflict.time_to_conflict,
         overlap_probability=conflict.overlap_probability,
     )
-    return DivergedAgents.opened(opening)
 
 
 def by_late_entry(scenario: Setting, table: AgentTable, diverged: BoolArray) -> Iterator[DivergedAgents]:
@@ -52,9 +49,8 @@ def by_late_entry(scenario: Setting, table: AgentTable, diverged: BoolArray) -> 
         nearest = others[distance.argmin()] if len(others) else row
         agent, opponent, goal = int(table.id[row]), int(table.id[nearest]), _pose(table, row)
         logged = logged_path(scenario.log, scenario.lane_map, agent)
-        reason, source = TakeoverReason.BLOCKED_ENTRY, PathSource.LOGGED
-        opening = Opening(agent, opponent, table.step, reason, goal, logged, source, logged, overlap_probability=1.0)
-        yield DivergedAgents.opened(opening)
+        reason, paths = TakeoverReason.BLOCKED_ENTRY, (logged, PathSource.LOGGED, logged)
+        yield DivergedAgents.opened(agent, opponent, table.step, reason, goal, paths, overlap_probability=1.0)
         diverged[row] = True
 
 
@@ -62,9 +58,8 @@ def by_region(scenario: Setting, table: AgentTable, row: int, reason: TakeoverRe
     """Returns the agent in `row`, on its lane along the route of its log; it is in no conflict."""
     agent, ego, pose = int(table.id[row]), int(scenario.ego_ids[table.scene[row]]), _pose(table, row)
     path = route_path(scenario.log, scenario.lane_map, agent, pose)
-    logged = logged_path(scenario.log, scenario.lane_map, agent)
-    opening = Opening(agent, ego, table.step, reason, pose, path, PathSource.LANE, logged, in_conflict=False)
-    return DivergedAgents.opened(opening)
+    paths = path, PathSource.LANE, logged_path(scenario.log, scenario.lane_map, agent)
+    return DivergedAgents.opened(agent, ego, table.step, reason, pose, paths, in_conflict=False)
 
 
 def _pose(table: AgentTable, row: int) -> FloatArray:

@@ -18,6 +18,7 @@ import numpy as np
 
 from litsim_policy.conflict.futures import Boxes, gone_straight_on
 from litsim_policy.conflict.predicted_motion import XX, XY, YAW, YY, PredictedMotion, X, Y
+from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import STEP_S, FloatArray, IntArray
 from litsim_sim.kernels.compiled import Bools, Bools2, Floats, Floats2, Floats3, Ints, Ints2, OutFloats, kernel
 
@@ -58,15 +59,6 @@ def strips(
     along_b, left_b = lb + la * cos + wa * sin, wb + la * sin + wa * cos
     normal_x, normal_y = (cos_a, -sin_a, cos_b, -sin_b), (sin_a, cos_a, sin_b, cos_b)
     return normal_x, normal_y, (la, wa, lb, wb), (along_a, left_a, along_b, left_b)
-
-
-@kernel
-def contain(normal_x: Four, normal_y: Four, half: Four, dx: float, dy: float) -> bool:
-    """Whether boxes with these :func:`strips` overlap when their distance is exactly (dx, dy) [m]."""
-    inside = True
-    for k in range(4):
-        inside &= abs(normal_x[k] * dx + normal_y[k] * dy) < half[k]
-    return inside
 
 
 @kernel
@@ -163,9 +155,10 @@ def overlap_probability(
     variance, it is certain. `sizes` are length and width of a, and of b [m], and `quantile` is that of the standard
     Gaussian for `least`.
     """
-    normal_x, normal_y, edge, half = strips(yaw_a, yaw_b, sizes[0], sizes[1], sizes[2], sizes[3])
+    length_a, width_a, length_b, width_b = sizes
     if covariance[0] + covariance[1] <= 0.0:
-        return 1.0 if contain(normal_x, normal_y, half, dx, dy) else 0.0
+        return 1.0 if overlap(dx, dy, yaw_a, yaw_b, length_a, width_a, length_b, width_b) else 0.0
+    normal_x, normal_y, edge, half = strips(yaw_a, yaw_b, length_a, width_a, length_b, width_b)
     if not can_reach(normal_x, normal_y, half, dx, dy, covariance, quantile):
         return 0.0
     probability = probability_within(normal_x, normal_y, edge, half, dx, dy, covariance)
@@ -235,10 +228,7 @@ def closing_overlaps(pairs: Ints2, motions: Motions, boxes: Boxes, first: bool) 
             dx, dy = boxes.x[j] + gone * cos - states[i, t, X], boxes.y[j] + gone * sin - states[i, t, Y]
             if dx**2 + dy**2 >= reach**2:
                 continue
-            normal_x, normal_y, _, half = strips(
-                states[i, t, YAW], boxes.yaw[j], length[i], width[i], length[j], width[j]
-            )
-            if contain(normal_x, normal_y, half, dx, dy):
+            if overlap(dx, dy, states[i, t, YAW], boxes.yaw[j], length[i], width[i], length[j], width[j]):
                 overlaps[k, t], done = 1.0, i
                 if first:
                     break
