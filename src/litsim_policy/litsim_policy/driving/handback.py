@@ -11,13 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_policy.driving.yielding_rules import keep_distance, make_room, wait_for_crossing
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.followers import PathFollowers
-from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
 from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.scenario.log import Log
-from litsim_sim.scenario.setting import Setting
 
 COMFORTABLE = IdmConfig(headway=0.8, standstill_gap=1.5, acceleration=2.0, deceleration=2.5)
 """Car following of agents off their logs."""
@@ -48,47 +45,12 @@ def catch_up(
     return np.asarray(np.minimum(np.maximum(wanted, -DECELERATION_MAX), ACCELERATION_MAX))
 
 
-def logged(log: Log, agents: PathFollowers, lag: IntArray) -> tuple[IntArray, IntArray]:
-    """Returns rows and steps (m,) of the logs of agents that lag by `lag` (m,) steps.
+def along_log(log: Log, agents: PathFollowers, lag: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Returns accelerations (m,) [m/s2] with which agents drive on as their logs do, and speeds (m,) [m/s] of these.
 
-    Where the log is over, its end counts.
+    The logs lag by `lag` (m,) steps; where one is over, its end counts.
     """
     rows = log.ids.searchsorted(agents.table.id[agents.rows])
-    return rows, np.minimum(agents.table.step - lag, log.last_step[rows])
-
-
-def along_log(log: Log, agents: PathFollowers, lag: IntArray) -> FloatArray:
-    """Returns accelerations (m,) [m/s2] with which agents drive on as their logs do, `lag` (m,) steps later."""
-    at = logged(log, agents, lag)
-    behind = agents.to_goal(log.x[at], log.y[at])
-    return catch_up(behind, agents.speed, log.speed[at], log.acceleration[at])
-
-
-class OwnLogs:
-    """Logs as something that drives: on as the own log does, with a lag, and within the rules."""
-
-    def __init__(self, scenario: Setting, *, rules: bool = True) -> None:
-        self._log, self._rules, self._stop_lines = scenario.log, rules, StopLines(scenario.signals)
-
-    def onwards(self, agents: PathFollowers, lag: IntArray) -> FloatArray:
-        """Returns accelerations (m,) [m/s2] of agents whose logs lag by `lag` (m,) steps."""
-        return along_log(self._log, agents, lag)
-
-    def speed(self, agents: PathFollowers, lag: IntArray) -> FloatArray:
-        """Returns the speeds (m,) [m/s] of these logs."""
-        return self._log.speed[logged(self._log, agents, lag)]
-
-    def yielding(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
-        """Returns `wanted` (m,) [m/s2], or less where a rule or a red light demands it.
-
-        Unless `rules` is off, agents keep their distance to those ahead, make room for merging ones and wait for
-        crossing ones (:mod:`.yielding_rules`).
-        """
-        if self._rules:
-            paths, table, rows = agents.paths, agents.table, agents.rows
-            wanted = keep_distance(wanted, agents.speed, table.length[rows], agents.leaders, COMFORTABLE.values)
-            wanted = make_room(wanted, paths, agents.s, table.arrays, rows)
-            others = table.off_log | table.obstacle  # vehicles on their logs are the concern of the conflict stage
-            wanted = wait_for_crossing(wanted, paths, agents.s, table.arrays, rows, others)
-        free = np.full(len(agents), COMFORTABLE.desired_speed)
-        return idm_at_signals(COMFORTABLE, agents.speed, free, wanted, self._stop_lines.of(agents))
+    at = rows, np.minimum(agents.table.step - lag, log.last_step[rows])
+    behind, speed = agents.to_goal(log.x[at], log.y[at]), log.speed[at]
+    return catch_up(behind, agents.speed, speed, log.acceleration[at]), speed

@@ -11,13 +11,15 @@ import numpy as np
 from litsim_policy.driving.action import executed_yaw_rate, physical
 from litsim_policy.driving.features.observation import Observer
 from litsim_policy.driving.follower import Follower, FollowerConfig
-from litsim_policy.driving.handback import COMFORTABLE, OwnLogs
+from litsim_policy.driving.handback import COMFORTABLE, along_log
 from litsim_policy.driving.policy import Policy
 from litsim_policy.driving.policy_network import PACKAGED, ForeignPolicy, PolicyNetwork, load_policy, shipped_weights
 from litsim_policy.driving.safety.layer import SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import DrivingScene, lag_of
 from litsim_policy.driving.yield_policy import YieldPolicy
+from litsim_policy.driving.yielding_rules import keep_distance, make_room, wait_for_crossing
 from litsim_policy.motion.followers import PathFollowers
+from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.quantities import Flag, configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
@@ -97,7 +99,8 @@ class PolicyC(Policy):
         config = config or PolicyCConfig()
         self._yielding, self._lane_map = YieldPolicy(scenario), scenario.lane_map
         self._driving = (network, Observer(self._lane_map, network.observation)) if network else None
-        self._safety, self._logs = SafetyLayer(config.safety), OwnLogs(scenario, rules=config.rules)
+        self._safety, self._rules = SafetyLayer(config.safety), config.rules
+        self._log, self._stop_lines = scenario.log, StopLines(scenario.signals)
         drawn = config.drivers == "drawn"
         self._follower = None if config.drivers == "none" else Follower(scenario, config.follower, drawn=drawn)
 
@@ -123,15 +126,28 @@ class PolicyC(Policy):
         if self._follower is not None:
             since = np.array([takeover.detected_step for takeover in keeping])
             acceleration = self._follower.limited(scene.agents, acceleration, since)
-        return guarded(scene, self._logs.yielding(scene.agents, acceleration), yaw_rate, self._safety)
+        return guarded(scene, self._within_rules(scene.agents, acceleration), yaw_rate, self._safety)
 
     def _onwards(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
         """Returns accelerations (m,) [m/s2] with which the agents drive on as their logs do, or with those ahead."""
         lag = np.array([lag_of(takeover) for takeover in takeovers])
-        onwards = self._logs.onwards(agents, lag)
-        if self._follower is None:
-            return onwards
-        return self._follower.along(agents, onwards, self._logs.speed(agents, lag))
+        onwards, log_speed = along_log(self._log, agents, lag)
+        return onwards if self._follower is None else self._follower.along(agents, onwards, log_speed)
+
+    def _within_rules(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
+        """Returns `wanted` (m,) [m/s2], or less where a rule or a red light demands it.
+
+        Unless `rules` is off, agents keep their distance to those ahead, make room for merging ones and wait for
+        crossing ones (:mod:`.yielding_rules`).
+        """
+        if self._rules:
+            paths, table, rows = agents.paths, agents.table, agents.rows
+            wanted = keep_distance(wanted, agents.speed, table.length[rows], agents.leaders, COMFORTABLE.values)
+            wanted = make_room(wanted, paths, agents.s, table.arrays, rows)
+            others = table.off_log | table.obstacle  # vehicles on their logs are the concern of the conflict stage
+            wanted = wait_for_crossing(wanted, paths, agents.s, table.arrays, rows, others)
+        free = np.full(len(agents), COMFORTABLE.desired_speed)
+        return idm_at_signals(COMFORTABLE, agents.speed, free, wanted, self._stop_lines.of(agents))
 
     def _by_rules(self, table: AgentTable, takeovers: Sequence[Takeover]) -> ControlTable:
         """Returns controls of agents that policy `yield` drives."""

@@ -29,6 +29,6 @@ def walk(log: Log, agents: PathFollowers, lag: IntArray) -> FloatArray:
     acceleration = np.where(walks, ACCELERATIONS[Kind.PEDESTRIAN], ACCELERATIONS[Kind.BICYCLE])
     deceleration = np.where(walks, DECELERATIONS[Kind.PEDESTRIAN], DECELERATIONS[Kind.BICYCLE])
     needed = np.where(ways.room > STOPS_WITHIN, 0.5 * agents.speed**2 / np.maximum(ways.room, STOPS_WITHIN), np.inf)
-    onwards = along_log(log, agents, lag)
+    onwards, _ = along_log(log, agents, lag)
     wanted = np.where(ways.blocker >= 0, np.minimum(onwards, -needed), onwards)
     return np.asarray(np.clip(wanted, -deceleration, acceleration))

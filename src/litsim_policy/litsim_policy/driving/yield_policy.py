@@ -16,7 +16,7 @@ from litsim_policy.motion.car_following import idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
 from litsim_sim.core.takeover import Takeover, TakeoverState, TakeoverTable
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
@@ -82,20 +82,18 @@ class YieldPolicy(Policy):
 
         Agents that overlap in the log itself are ignored, so that the overlap can be reached.
         """
-        log, view = self._log, agents.view
-        shift = np.array([round(t.time_shift / STEP_S) for t in takeovers])
-        at = self._log_rows(agents), agents.table.step - shift
-        wanted = along_log(log, agents, shift)
-        free = log.speed[at] + 2.0 * SPEED_EXCESS
-        leads = agents.leaders.leads & ~self._overlapped_in_log(agents, at[0], at[1])
+        view, lag = agents.view, np.array([lag_of(t) for t in takeovers])
+        wanted, log_speed = along_log(self._log, agents, lag)
+        free = log_speed + 2.0 * SPEED_EXCESS
+        leads = agents.leaders.leads & ~self._overlapped_in_log(agents, agents.table.step - lag)
         follow = idm_acceleration(COMFORTABLE, agents.speed, free, view.gap, view.speed, leads)
         follow = np.maximum(follow, -np.maximum(COMFORTABLE.deceleration, braking_needed(agents, leads)))
         line = self._stop_lines.of(agents)
         return idm_at_signals(COMFORTABLE, agents.speed, free, np.minimum(wanted, follow), line)
 
-    def _overlapped_in_log(self, agents: PathFollowers, log_rows: IntArray, now: IntArray) -> BoolArray:
+    def _overlapped_in_log(self, agents: PathFollowers, now: IntArray) -> BoolArray:
         """Mask (m, w) of near agents ahead that overlap in the log as well, about steps `now` (m,) of the logs."""
-        view, table = agents.view, agents.table
+        view, table, log_rows = agents.view, agents.table, self._log_rows(agents)
         overlapped, of_ego = np.zeros(view.gap.shape, np.bool_), table.of_ego
         for k, column, row in view.pairs(agents.leaders.leads & (view.gap < CLOSE_UP)):
             if of_ego[row]:

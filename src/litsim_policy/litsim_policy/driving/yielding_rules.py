@@ -1,7 +1,7 @@
 """Rules by which agents yield, earlier than the guard acts: to leaders, opponents, crossing agents, walkers, cyclists.
 
 Policy `yield` gives way, and stays in its lane if the side is taken. The other rules are those of driving on as the log
-does (:class:`litsim_policy.driving.handback.OwnLogs`).
+does (:class:`litsim_policy.driving.policy_c.PolicyC`).
 """
 
 from __future__ import annotations
