@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import AfterValidator
 
@@ -42,9 +42,8 @@ class Learned(LearnedPredictor, PredictorPlugin):
 
     def __init__(self, scenario: Setting, scope: Scope) -> None:
         lane_map, raster = raster_of_net(scenario.net_path)
-        selection = (scenario.ego_ids, scope.roi_m, lane_map, raster, scope.wanted, scope.modes)
         ready = network(weights_on(self.model, lane_map))
-        super().__init__(ready, *selection, along_lanes=scope.along_lanes, signals=scenario.signals)
+        super().__init__(ready, scenario.ego_ids, scope, lane_map, raster, scenario.signals)
 
 
 class Default(Learned):
@@ -128,28 +127,20 @@ def predictor_stage(read: ParameterOverrides) -> Callable[[str, Setting], Predic
 
 
 def make_predictor(
-    model: str,
-    scenario: Setting,
-    wanted: Wanted = Wanted.READ,
-    roi_m: float = 0.0,
-    modes: int = 0,
-    parameters: Mapping[str, Any] | None = None,
+    model: str, scenario: Setting, wanted: Wanted = Wanted.READ, roi_m: float = 0.0, modes: int = 0
 ) -> Predictor:
     """Returns the predictor called `model`, or that in a file of weights or of a graph, for a run of `scenario`.
 
-    `roi_m` [m] replaces the scenario's, where it is not 0; `parameters` are by name within the stage. Raises an
-    InputError if there is none of that name, a parameter is unknown, or its weights cannot be used.
+    `roi_m` [m] replaces the scenario's, where it is not 0; parameters are the defaults. Raises an InputError if there
+    is none of that name, or its weights cannot be used.
     """
     try:
         known_model(model)
     except ValueError as error:
         raise InputError(f"predictor: parameter model is {model!r}, {error}") from error
-    scope = Scope(roi_m or scenario.roi_m, wanted, modes)
-    read = ParameterOverrides(PREDICTOR, parameters or {})
-    installed = model in model_names()
-    make = plugins.load(plugins.PREDICTORS, model).read(read) if installed else _of_file(model)
-    read.check()
-    predictor: Predictor = make(scenario, scope)
+    kind = plugins.load(plugins.PREDICTORS, model) if model in model_names() else _of_file(model)
+    make = kind.read(ParameterOverrides(PREDICTOR, {}))
+    predictor: Predictor = make(scenario, Scope(roi_m or scenario.roi_m, wanted, modes))
     return predictor
 
 

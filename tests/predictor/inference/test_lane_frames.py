@@ -8,7 +8,7 @@ import pytest
 import shapely
 import torch
 
-from litsim_predictor.forecast import Forecast
+from litsim_predictor.forecast import Forecast, Scope, Wanted
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, STRIDE, AgentFutures, FurtherFutures
 from litsim_predictor.inference.lane_frames import FRAMES, LaneFrameFinder, LaneFrames, bend, from_lane_frames, unbend
 from litsim_predictor.inference.predictor import LearnedPredictor
@@ -62,7 +62,8 @@ def off(forecast: Forecast, lane: str) -> float:
 
 
 def predictor(*, along_lanes: bool = True) -> LearnedPredictor:
-    return LearnedPredictor(network("default"), 1, 30.0, *raster_of_net(STREET), modes=3, along_lanes=along_lanes)
+    scope = Scope(30.0, Wanted.ALL, 3, along_lanes)
+    return LearnedPredictor(network("default"), 1, scope, *raster_of_net(STREET))
 
 
 @pytest.mark.parametrize("lane", [LEFT_TURN, RIGHT_TURN])

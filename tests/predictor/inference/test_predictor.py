@@ -9,7 +9,7 @@ import pytest
 from safetensors import safe_open
 from safetensors.numpy import save_file
 
-from litsim_predictor.forecast import Forecast, Wanted
+from litsim_predictor.forecast import Forecast, Scope, Wanted
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import HORIZON, MANEUVERS
 from litsim_predictor.inference.predictor import LearnedPredictor
@@ -22,11 +22,12 @@ from litsim_sim.scenario.scenario import Scenario
 
 Build = Callable[..., AgentTable]
 EGO, ROI = 1, 30.0
+EVERYBODY = Scope(ROI, Wanted.ALL)
 
 
 @pytest.fixture(params=SHIPPED)
 def predictor(request: pytest.FixtureRequest) -> LearnedPredictor:
-    return LearnedPredictor(network(request.param), EGO, ROI, *raster_of_net(Scenario.load("demo").net_path))
+    return LearnedPredictor(network(request.param), EGO, EVERYBODY, *raster_of_net(Scenario.load("demo").net_path))
 
 
 def drive(
@@ -90,9 +91,8 @@ def test_traffic_beyond_the_region_of_interest_is_read_and_not_forecast(agent_ta
     jam = [agent(number, 165.0 + 8.0 * number, speed=0.0) for number in range(3, 8)]
 
     def driven(roi_m: float, *others: dict[str, Any]) -> Forecast:
-        predictor = LearnedPredictor(
-            network("default"), EGO, roi_m, *raster_of_net(Scenario.load("demo").net_path), wanted=Wanted.EGO
-        )
+        net = raster_of_net(Scenario.load("demo").net_path)
+        predictor = LearnedPredictor(network("default"), EGO, Scope(roi_m, Wanted.EGO), *net)
         return drive(predictor, agent_table, *near, *others, steps=20)
 
     free, held, seen = driven(ROI), driven(ROI, *jam), driven(1000.0, *jam)
@@ -118,7 +118,7 @@ def test_weights_that_overflow_are_named(tmp_path: Path) -> None:
 
 def test_covariances_turn_with_the_scene(agent_table: Build) -> None:
     """Without a map, a scene that is turned by a right angle has forecasts that are turned by one."""
-    along = LearnedPredictor(network("default"), EGO, ROI, None, MapRaster(None))
+    along = LearnedPredictor(network("default"), EGO, EVERYBODY, None, MapRaster(None))
     for step in range(20):
         out = along.forecast(agent_table(step, {"id": 1, "x": step * 1.0, "y": 0.0, "yaw": 0.0, "speed": 10.0}))
     for step in range(100, 120):

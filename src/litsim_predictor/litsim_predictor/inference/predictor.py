@@ -7,7 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from litsim_predictor.forecast import Egos, Forecast, Wanted, selected
+from litsim_predictor.forecast import Egos, Forecast, Scope, selected
 from litsim_predictor.inference.closed_lines import ClosedLines, Vehicles, among_traffic
 from litsim_predictor.inference.contract import (
     DT,
@@ -43,11 +43,8 @@ class LearnedPredictor:
     Args:
         network: a trained model.
         ego_id: the agent around which others matter; one per scene.
-        roi_m: distance from it [m] up to which they do; see :func:`litsim_predictor.forecast.selected`.
+        scope: whom it forecasts, and what of it.
         lane_map, raster: the net; see :func:`.raster.raster_of_net`.
-        wanted: the agents to forecast.
-        modes: greatest number of manoeuvres of each besides the most probable one.
-        along_lanes: whether they are forecast along lanes that bend; see :mod:`.lane_frames`.
         signals: of the net; the network sees what they show at each step; see :mod:`.closed_lines`.
     """
 
@@ -55,19 +52,14 @@ class LearnedPredictor:
         self,
         network: Network,
         ego_id: Egos,
-        roi_m: float,
+        scope: Scope,
         lane_map: LaneMap | None,
         raster: MapRaster,
-        wanted: Wanted = Wanted.ALL,
-        modes: int = 0,
-        *,
-        along_lanes: bool = True,
         signals: LinkSignals | None = None,
     ) -> None:
-        self._modes = modes
-        self._network, self._ego_id, self._roi_m, self._wanted = network, ego_id, roi_m, wanted
+        self._network, self._ego_id, self._scope = network, ego_id, scope
         self._lane_map, self._raster = lane_map, raster
-        self._lanes = LaneFrameFinder(lane_map) if along_lanes and lane_map is not None else None
+        self._lanes = LaneFrameFinder(lane_map) if scope.along_lanes and lane_map is not None else None
         self._lines = ClosedLines(signals) if signals is not None and network.sees_signals else None
         self._history = History(STRIDE * (HISTORY - 1) + 1, ("x", "y", "yaw", "speed"))
 
@@ -90,7 +82,7 @@ class LearnedPredictor:
             InputError: no forecast is finite, so that nobody could go by any of them.
         """
         self.observe(table)
-        agents, asked = selected(table, self._ego_id, self._roi_m, self._wanted)
+        agents, asked = selected(table, self._ego_id, self._scope.roi_m, self._scope.wanted)
         if not len(asked):
             return Forecast.empty(table.step, DT, len(MANEUVERS))
         heading, lane_frames = self._frames(agents, asked)
@@ -119,16 +111,16 @@ class LearnedPredictor:
         if maneuver is not None:
             return cast(NetworkOfManeuvers, self._network).of_maneuver(inputs, asked, maneuver)
         if scene[0] == scene[-1]:
-            return self._network(inputs, asked, self._modes)
+            return self._network(inputs, asked, self._scope.modes)
         if isinstance(self._network, NetworkOfScenes):
             rows = np.flatnonzero(np.isin(scene, scene[asked]))
             of_scenes = inputs if len(rows) == len(scene) else inputs.take(rows)
             first = np.flatnonzero(np.diff(scene[rows], prepend=-1))
-            return self._network.of_scenes(of_scenes, np.searchsorted(rows, asked), first, self._modes)
+            return self._network.of_scenes(of_scenes, np.searchsorted(rows, asked), first, self._scope.modes)
         answers, begins = [], np.flatnonzero(np.diff(scene[asked]))
         for rows in np.split(asked, begins + 1):
             begin, end = np.searchsorted(scene, scene[rows[0]]), np.searchsorted(scene, scene[rows[0]], "right")
-            answers.append(self._network(inputs.take(slice(begin, end)), rows - begin, self._modes))
+            answers.append(self._network(inputs.take(slice(begin, end)), rows - begin, self._scope.modes))
         return _joined(answers)
 
     def _inputs(
