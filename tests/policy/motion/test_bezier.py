@@ -1,5 +1,7 @@
 """Cubic curves between poses."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -44,3 +46,14 @@ def test_straight_on_there_is_no_curvature() -> None:
 
 def test_a_curve_of_no_length_bends_without_bound() -> None:
     assert bezier.curvature_max(bezier.between(np.zeros(3), np.zeros(3))) == np.inf
+
+
+@pytest.mark.parametrize("end", [(20.0, 3.66, 0.0), (20.0, 5.0, np.pi / 2), (8.0, 14.0, 1.2), (3.0, 9.0, 2.5)])
+def test_the_largest_curvature_is_found_wherever_it_is(end: tuple[float, float, float]) -> None:
+    """Against the bend of points that lie close."""
+    control = bezier.between(np.zeros(3), np.array(end))
+    points = bezier.points(control, 0.005)
+    heading = np.unwrap(direction(points))
+    length = np.hypot(*np.diff(points, axis=0).T)
+    seen = max(abs(b - a) / s for (a, b), s in zip(pairwise(heading), length[1:], strict=True))
+    assert bezier.curvature_max(control) == pytest.approx(seen, rel=0.05)

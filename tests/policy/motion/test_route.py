@@ -165,3 +165,19 @@ def test_there_is_no_way_to_where_the_map_has_no_road(motorway_router, lane_cent
     ahead = np.array([80.0, 0.0, 0.0])
     assert motorway_router.path(on_road, 10.0, on_road + ahead) is not None
     assert motorway_router.path(on_road, 10.0, beside + ahead) is None
+
+
+def test_a_path_that_would_leave_the_road_is_none(motorway_router) -> None:
+    """Centre 5 cm from the edge and heading for it: every curve that begins so crosses it first."""
+    goal, starts = np.array([160.0, -1.83, 0.0]), ((-0.05, 0.3), (-0.2, -0.05), (0.3, -0.05))
+    off, along, back = (motorway_router.path(np.array([100.0, y, yaw]), 10.0, goal) for y, yaw in starts)
+    assert off is None and along is not None
+    assert back is not None, "who is off it already may come back"
+
+
+@pytest.mark.parametrize("turn", [-0.4, 0.4])
+def test_it_ends_tangent_to_the_lane_however_the_goal_is_turned(motorway_router, lane_centres, turn: float) -> None:
+    start, goal = np.array([100.0, lane_centres[1], 0.0]), np.array([160.0, lane_centres[1] + 0.5, turn])
+    path = motorway_router.path(start, 10.0, goal)
+    assert path is not None
+    assert path.heading(path.s[-1:] - 1e-6) == pytest.approx([0.0], abs=0.02)

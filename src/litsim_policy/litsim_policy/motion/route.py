@@ -14,6 +14,7 @@ from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.lane_map.lane_map import LaneMap
 
+CURVATURE_MAX = VehicleLimits().curvature_max
 CHANGE_COST = 20.0  # [m] cost of a lane change, as length of road
 CHANGE_LENGTH = 60.0  # [m] most road that a lane change takes
 KNOT_SPACING = 15.0  # [m] between the poses on a centre line through which the curves pass
@@ -31,9 +32,8 @@ class Router:
     its length, and to its neighbours in the same edge at CHANGE_COST.
     """
 
-    def __init__(self, lane_map: LaneMap, limits: VehicleLimits | None = None) -> None:
+    def __init__(self, lane_map: LaneMap) -> None:
         self._lanes = lane_map
-        self._curvature_max = (limits or VehicleLimits()).curvature_max
 
     def lanes_between(self, start: int, goal: int) -> list[int] | None:
         """Rows in `LaneMap.lanes` of the shortest route from lane `start` to lane `goal`, both included, or None."""
@@ -73,7 +73,7 @@ class Router:
         for share in MERGE_SHARES:
             poses = _thinned(pose, knots, last, merge=max(KNOT_MIN, share * max(KNOT_MIN, MERGE_TIME * speed)))
             curves = [bezier.between(a, b) for a, b in pairwise(poses)]
-            if max(bezier.curvature_max(curve) for curve in curves) > self._curvature_max:
+            if max(bezier.curvature_max(curve) for curve in curves) > CURVATURE_MAX:
                 continue
             parts = [bezier.points(curve, SPACING) for curve in curves]
             points = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
@@ -90,7 +90,7 @@ class Router:
         on_road = bool(self._lanes.inside_road(pose[:1], pose[1:2])[0])
         for share in BESIDE_SHARES:
             curve, beyond = lane_change(self._lanes, pose, self._lanes.lanes[lane], share * reach)
-            if bezier.curvature_max(curve) > self._curvature_max:
+            if bezier.curvature_max(curve) > CURVATURE_MAX:
                 continue
             points = bezier.points(curve, SPACING)
             if not on_road or self._lanes.inside_road(points[:, 0], points[:, 1]).all():
