@@ -24,6 +24,14 @@ def made_lane(
     return Lane(name, edge, int(index), 3.5, 20.0, line, s, length, successors, left, right, is_internal=inside)
 
 
+def lane_of(name: str, line: list[tuple[float, float]], *successors: str) -> Lane:
+    """A lane of 3 m, the first of the edge that `name` begins with; a colon puts it inside a junction."""
+    points = np.array(line, np.float64)
+    s, edge = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]), name.partition("_")[0]
+    inside = name.startswith(":")
+    return Lane(name, edge, 0, 3.0, 10.0, points, s, float(s[-1]), successors, None, None, is_internal=inside)
+
+
 def rows(x: object, y: object, yaw: object = 0.0, lane: object = -1, vehicle_id: object = 1) -> pd.DataFrame:
     """Positions in the neutral columns that checks of nets read, a frame each."""
     table = pd.DataFrame({"x": x, "y": y, "yaw": yaw, "lane": lane, "vehicle_id": vehicle_id})

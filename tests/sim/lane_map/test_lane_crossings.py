@@ -5,25 +5,21 @@ import pytest
 
 from litsim_sim.lane_map.lane_crossings import lane_crossings
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.scenario.scenario import packaged
-
-
-def lane(name: str, *line: tuple[float, float]) -> Lane:
-    centerline = np.array(line, np.float64)
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centerline, axis=0).T))])
-    return Lane(name, name, 0, 3.0, 10.0, centerline, s, float(s[-1]), (), None, None, is_internal=False)
+from made_lanes import lane_of
 
 
 def test_lanes_cross_where_their_centre_lines_do() -> None:
-    found = lane_crossings([lane("a", (-20, 0), (20, 0)), lane("b", (3, -20), (3, 20)), lane("c", (-20, 50), (20, 50))])
+    found = lane_crossings(
+        [lane_of("a", [(-20, 0), (20, 0)]), lane_of("b", [(3, -20), (3, 20)]), lane_of("c", [(-20, 50), (20, 50)])]
+    )
     assert found == pytest.approx(np.array([[3.0, 0.0]]))
 
 
 def test_lanes_that_merge_or_meet_end_to_end_do_not_cross() -> None:
-    through = lane("a", (-20, 0), (20, 0))
-    assert not len(lane_crossings([through, lane("ramp", (-20, -3), (20, 0.5))])), "at a flat angle"
-    assert not len(lane_crossings([through, lane("on", (20, 0), (20, 20))])), "one goes on from the other"
+    through = lane_of("a", [(-20, 0), (20, 0)])
+    assert not len(lane_crossings([through, lane_of("ramp", [(-20, -3), (20, 0.5)])])), "at a flat angle"
+    assert not len(lane_crossings([through, lane_of("on", [(20, 0), (20, 20)])])), "one goes on from the other"
 
 
 @pytest.mark.parametrize(("net", "crosses"), [("us101_like", False), ("us101", False), ("i80", False)])

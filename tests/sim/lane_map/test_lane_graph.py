@@ -1,24 +1,17 @@
 """Lanes that follow each other."""
 
-import numpy as np
 import pytest
 
 from litsim_sim.lane_map.lane_graph import directly_linked, of_streets, straightest_successors
-from litsim_sim.lane_map.net_lanes import Lane, read_lanes
+from litsim_sim.lane_map.net_lanes import read_lanes
 from litsim_sim.scenario.scenario import packaged
-
-
-def lane(name: str, line: list[tuple[float, float]], *successors: str) -> Lane:
-    centerline = np.array(line, np.float64)
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centerline, axis=0).T))])
-    return Lane(name, name, 0, 3.0, 10.0, centerline, s, float(s[-1]), successors, None, None, is_internal=False)
-
+from made_lanes import lane_of
 
 FORK = [
-    lane("a", [(-10, -10), (0, 0), (10, 0)], "left", "on", "right"),
-    lane("left", [(10, 0), (20, 5)]),
-    lane("on", [(10, 0), (20, 1), (20, 9)]),
-    lane("right", [(10, 0), (20, -5)]),
+    lane_of("a", [(-10, -10), (0, 0), (10, 0)], "left", "on", "right"),
+    lane_of("left", [(10, 0), (20, 5)]),
+    lane_of("on", [(10, 0), (20, 1), (20, 9)]),
+    lane_of("right", [(10, 0), (20, -5)]),
 ]
 
 
@@ -34,13 +27,13 @@ def test_lanes_turn_in_junctions_of_streets_alone(net: str, streets: bool) -> No
 
 
 def test_of_equally_straight_ones_the_first_by_id() -> None:
-    ends = [lane("c", [(10, 0), (20, 2)]), lane("b", [(10, 0), (20, -2.0001)])]
-    assert straightest_successors([lane("a", [(0, 0), (10, 0)], "c", "b"), *ends])[0] == 2
+    ends = [lane_of("c", [(10, 0), (20, 2)]), lane_of("b", [(10, 0), (20, -2.0001)])]
+    assert straightest_successors([lane_of("a", [(0, 0), (10, 0)], "c", "b"), *ends])[0] == 2
 
 
 def test_a_turn_across_the_jump_of_angles_is_small() -> None:
-    ends = [lane("back", [(0, 0), (10, 0)]), lane("on", [(0, 0), (-10, -0.5)])]
-    assert straightest_successors([lane("a", [(10, 0.5), (0, 0)], "back", "on"), *ends])[0] == 2
+    ends = [lane_of("back", [(0, 0), (10, 0)]), lane_of("on", [(0, 0), (-10, -0.5)])]
+    assert straightest_successors([lane_of("a", [(10, 0.5), (0, 0)], "back", "on"), *ends])[0] == 2
 
 
 def test_links_hold_both_ways_and_for_the_lane_itself() -> None:

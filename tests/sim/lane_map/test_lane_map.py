@@ -7,20 +7,12 @@ from hypothesis import strategies as st
 from shapely import LineString, points
 
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.scenario.scenario import packaged, packaged_nets
+from made_lanes import lane_of
 
 # The others have other layouts: i80 in test_maps_motorway.py, urban_like with its traffic.
 NETS = {name: LaneMap.from_net(packaged(f"nets/{name}.net.xml")) for name in ("us101", "us101_like")}
 LIKE = NETS["us101_like"]
-
-
-def lane(
-    name: str, line: list[tuple[float, float]], successors: tuple[str, ...] = (), *, internal: bool = False
-) -> Lane:
-    centerline = np.array(line)
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centerline, axis=0).T))])
-    return Lane(name, name, 0, 3.0, 10.0, centerline, s, float(s[-1]), successors, None, None, internal)
 
 
 def one(value: float) -> np.ndarray:
@@ -110,7 +102,7 @@ def test_left_is_positive() -> None:
 
 
 def test_lanes_that_lead_elsewhere_are_handicapped() -> None:
-    two_way = LaneMap([lane("east", [(0, 0), (100, 0)]), lane("west", [(100, 3), (0, 3)])])
+    two_way = LaneMap([lane_of("east", [(0, 0), (100, 0)]), lane_of("west", [(100, 3), (0, 3)])])
     east, west = two_way.row("east"), two_way.row("west")
     x, y = one(50.0), one(2.0)  # nearer to "west"
     assert two_way.nearest(x, y).lane[0] == west
@@ -122,9 +114,9 @@ def test_lanes_that_lead_elsewhere_are_handicapped() -> None:
 def test_lanes_inside_junctions_are_handicapped() -> None:
     crossing = LaneMap(
         [
-            lane("a", [(0, 0), (10, 0)], (":j_0",)),
-            lane(":j_0", [(10, 0.3), (30, 0.3)], ("b",), internal=True),
-            lane("b", [(30, 0), (60, 0)]),
+            lane_of("a", [(0, 0), (10, 0)], ":j_0"),
+            lane_of(":j_0", [(10, 0.3), (30, 0.3)], "b"),
+            lane_of("b", [(30, 0), (60, 0)]),
         ]
     )
     assert crossing.lanes[crossing.nearest(one(10.2), one(0.3)).lane[0]].id == "a"
@@ -174,11 +166,11 @@ def test_path_leaves_the_net_straight_on() -> None:
 def test_path_follows_the_edges_of_a_route_through_a_junction() -> None:
     fork = LaneMap(
         [
-            lane("a", [(0, 0), (10, 0)], (":on", ":left")),
-            lane(":on", [(10, 0), (20, 0)], ("on",), internal=True),
-            lane(":left", [(10, 0), (20, 5)], ("left",), internal=True),
-            lane("on", [(20, 0), (30, 0)]),
-            lane("left", [(20, 5), (30, 10)]),
+            lane_of("a", [(0, 0), (10, 0)], ":on", ":left"),
+            lane_of(":on", [(10, 0), (20, 0)], "on"),
+            lane_of(":left", [(10, 0), (20, 5)], "left"),
+            lane_of("on", [(20, 0), (30, 0)]),
+            lane_of("left", [(20, 5), (30, 10)]),
         ]
     )
     start = fork.row("a"), 5.0, 5.0 + np.hypot(10, 5)

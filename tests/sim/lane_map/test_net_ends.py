@@ -1,24 +1,13 @@
 """Where a net ends, on roads of a few lanes."""
 
-import numpy as np
 import pytest
 
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.lane_map.net_ends import BEYOND_MAX, NetEnds
-from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.scenario.scenario import packaged
+from made_lanes import lane_of
 
-WIDTH = 3.0
-
-
-def lane(name: str, line: list[tuple[float, float]], *successors: str) -> Lane:
-    centerline = np.array(line, np.float64)
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centerline, axis=0).T))])
-    edge = name.partition("_")[0]
-    return Lane(name, edge, 0, WIDTH, 10.0, centerline, s, float(s[-1]), successors, None, None, is_internal=False)
-
-
-ROAD = [lane("in_0", [(0, 0), (50, 0)], "out_0"), lane("out_0", [(50, 0), (100, 0)])]
+ROAD = [lane_of("in_0", [(0, 0), (50, 0)], "out_0"), lane_of("out_0", [(50, 0), (100, 0)])]
 
 
 @pytest.mark.parametrize(
@@ -38,21 +27,22 @@ def test_who_is_past_an_end_has_left_by_its_lane(x: float, y: float, found: str 
 
 def test_a_lane_that_is_dropped_is_no_end() -> None:
     """An acceleration lane of an edge of its own ends beside the road that goes on."""
-    ramp = lane("ramp_0", [(20, -3.5), (60, -3.5)])
+    ramp = lane_of("ramp_0", [(20, -3.5), (60, -3.5)])
     assert NetEnds([*ROAD, ramp]).passed(60.5, -3.5) is None
     assert NetEnds([*ROAD, ramp]).passed(100.5, 0.0) == "out_0"
-    wide = [lane("in_0", [(0, 0), (50, 0)], "out_0"), lane("in_1", [(0, 3), (50, 3)]), ROAD[1]]
+    wide = [lane_of("in_0", [(0, 0), (50, 0)], "out_0"), lane_of("in_1", [(0, 3), (50, 3)]), ROAD[1]]
     assert NetEnds(wide).passed(50.5, 5.0) is None, "a lane of an edge that goes on"
 
 
 def test_the_other_direction_of_a_street_does_not_go_on() -> None:
-    back = lane("back_0", [(100, 3), (0, 3)])
+    back = lane_of("back_0", [(100, 3), (0, 3)])
     assert NetEnds([*ROAD, back]).passed(100.5, 0.0) == "out_0"
     assert NetEnds([*ROAD, back]).passed(-0.5, 3.0) == "back_0"
 
 
 def test_a_ring_has_no_end() -> None:
-    assert NetEnds([lane("a_0", [(0, 0), (10, 0)], "b_0"), lane("b_0", [(10, 0), (0, 0)], "a_0")]).passed(11, 0) is None
+    ring = [lane_of("a_0", [(0, 0), (10, 0)], "b_0"), lane_of("b_0", [(10, 0), (0, 0)], "a_0")]
+    assert NetEnds(ring).passed(11, 0) is None
 
 
 @pytest.mark.parametrize(("net", "ends"), [("us101_like", 6), ("urban_like", 8)])

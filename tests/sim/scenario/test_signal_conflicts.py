@@ -4,15 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
 import pytest
-import yaml
 
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.recorded_signals import survey
-from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario, packaged
 from litsim_sim.scenario.signal_conflicts import green_conflicts
 from litsim_sim.scenario.signals import SignalsFile, signals_of
@@ -32,22 +28,11 @@ def told(groups: dict[str, list[str]], changes: list[list[Any]], start_frame: in
     return green_conflicts(given, signals_of(given, read_links(NET), steps, start_frame), start_frame)
 
 
-def traffic() -> Recording:
-    """One car on WA_1, that stands for 10 s; frames from 20 on."""
-    car = {"vehicle_id": 1, "frame": np.arange(20, 121), "x": -150.0, "y": -4.95, "yaw": 0.0, "speed": 0.0}
-    table = pd.DataFrame(car | {"acceleration": 0.0, "length": 4.0, "width": 1.8, "kind": 0, "lane": -1})
-    return Recording.from_table(RecordingHeader("made"), table, "made")
-
-
 @pytest.fixture
-def load(tmp_path: Path) -> Callable[[Any], Scenario]:
-    def run(signals: Any) -> Scenario:
-        traffic().write(tmp_path / "made.parquet")
-        fields = {"name": "made", "recording": "made.parquet", "net": "urban_like", "ego": 1, "history_s": 1.0}
-        (tmp_path / "made.yaml").write_text(yaml.safe_dump(fields | {"signals": signals}))
-        return Scenario.load(tmp_path / "made.yaml")
-
-    return run
+def load(make_scenario: Any, track: Any) -> Callable[[Any], Scenario]:
+    """A scenario of a car on WA_1 that stands for 10 s, from frame 20 on, with these signals."""
+    car = track(1, x=-150.0, y=-4.95, speed=0.0, first=20, last=120, length=4.0, width=1.8)
+    return lambda signals: make_scenario(car, history_steps=10, net="urban_like", signals=signals)
 
 
 def test_streets_that_cross_are_told_with_junction_connections_and_time() -> None:
@@ -100,18 +85,18 @@ def test_times_count_from_frame_0_of_the_recording() -> None:
 
 
 def test_a_scenario_warns_as_it_is_loaded_once(
-    load: Callable[[Any], Scenario], tmp_path: Path, caplog: pytest.LogCaptureFixture
+    load: Callable[[Any], Scenario], caplog: pytest.LogCaptureFixture
 ) -> None:
-    for _ in range(2):
-        load({"groups": GROUPS, "changes": CROSS})
-    assert caplog.messages == [f"{tmp_path / 'made.yaml'}: signals: {SAID}"]
+    path = Path(load({"groups": GROUPS, "changes": CROSS}).file.recording).with_suffix(".yaml")
+    Scenario.load(path)
+    assert caplog.messages == [f"{path}: signals: {SAID}"]
     load({"groups": GROUPS, "changes": CROSS[:2]})
     assert len(caplog.messages) == 1
 
 
-def test_a_conversion_warns() -> None:
+def test_a_conversion_warns(load: Callable[[Any], Scenario]) -> None:
     given = SignalsFile.model_validate({"groups": GROUPS, "changes": CROSS})
-    lines = survey(given, NET, traffic(), "made")
+    lines = survey(given, NET, load(None).recording, "made")
     assert lines[2:] == [f"signals    WARNING: {SAID}"]
 
 
