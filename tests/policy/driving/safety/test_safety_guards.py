@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.driving.safety.comfort import ACCELERATION_MAX, YAW_ACCELERATION_MAX
+from litsim_policy.driving.safety.comfort import (
+    ACCELERATION_MAX,
+    BRAKING_JERK_MAX,
+    DECELERATION_MAX,
+    JERK_MAX,
+    LATERAL_ACCELERATION_MAX,
+    YAW_ACCELERATION_MAX,
+    YAW_RATE_MAX,
+)
 from litsim_policy.driving.safety.following import (
     BRAKING_MAX,
     IMMINENT,
@@ -56,6 +64,31 @@ def command(found: SafeCommands) -> tuple[float, float]:
 # Limits
 
 
+@given(
+    wanted=st.tuples(st.floats(-50.0, 50.0), st.floats(-5.0, 5.0)),
+    speed=st.floats(0.0, 40.0),
+    before=st.tuples(st.floats(-4.0, 2.4), st.floats(-0.1, 0.1)),
+)
+def test_limits_hold_whatever_is_asked_for(ask, wanted, speed, before) -> None:
+    for config in (SAFE, LIMITS_ONLY):
+        acceleration, yaw_rate = command(ask(config, wanted, speed=speed, acceleration=before[0], yaw_rate=before[1]))
+        assert -DECELERATION_MAX - 1e-9 <= acceleration <= ACCELERATION_MAX + 1e-9
+        jerk = (acceleration - before[0]) / STEP_S
+        assert -BRAKING_JERK_MAX - 1e-9 <= jerk <= JERK_MAX + 1e-9
+        assert abs(yaw_rate) * speed <= LATERAL_ACCELERATION_MAX + 1e-9 and abs(yaw_rate) <= YAW_RATE_MAX
+
+
+def test_braking_grows_faster_than_it_is_eased(ask) -> None:
+    harder, softer = (command(ask(LIMITS_ONLY, (to, 0.0), speed=12.0, acceleration=-1.0))[0] for to in (-4.0, 2.0))
+    assert (harder, softer) == (pytest.approx(-1.837), pytest.approx(-0.587))
+
+
+def test_what_is_reasonable_is_left_alone(ask) -> None:
+    got = ask(SAFE, (0.3, 0.01), speed=12.0)
+    assert command(got) == (0.3, 0.01)
+    assert not got.limited.any() and not got.guarded.any()
+
+
 @given(st.floats(-5.0, 5.0), st.floats(-0.1, 0.1), st.floats(0.0, 40.0))
 def test_a_turn_begins_and_ends_no_faster_than_is_comfortable(ask, asked: float, before: float, speed: float) -> None:
     _, yaw_rate = command(ask(LIMITS_ONLY, (0.0, asked), speed=speed, yaw_rate=before))
@@ -80,6 +113,21 @@ def test_with_the_guard_off_nothing_is_guarded(ask, lane_centres) -> None:
 
 
 # What the look ahead takes into account
+
+
+def test_who_is_cut_in_on_from_behind_drives_on_where_the_road_is_free(ask, lane_centres) -> None:
+    """Braking would bring the two together; a leader close ahead leaves nothing else."""
+    cutting_in = {"id": 1, "x": 93.6, "y": lane_centres[0] - 0.4, "yaw": -0.12, "speed": 17.0}
+    free = ask(SAFE, (0.0, 0.0), cutting_in, speed=15.0)
+    behind = ask(SAFE, (0.0, 0.0), cutting_in, {"id": 3, "x": 106.0, "speed": 15.0}, speed=15.0)
+    assert command(free)[0] == ACCELERATION_MAX and free.guarded.all()
+    assert command(behind)[0] <= 0.0 and behind.guarded.all()
+
+
+def test_those_behind_do_not_push(ask) -> None:
+    """A follower that comes too fast is no reason to do anything."""
+    got = ask(SAFE, (0.0, 0.0), {"id": 3, "x": 90.0, "speed": 25.0})
+    assert not got.limited.any() and not got.guarded.any()
 
 
 def test_who_touches_already_is_no_reason_to_do_anything(ask, lane_centres) -> None:
