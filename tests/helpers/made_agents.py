@@ -9,7 +9,7 @@ from litsim_predictor.forecast import Forecast
 from litsim_predictor.inference.contract import HISTORY, AgentInputs
 from litsim_predictor.inference.joint.units import TRAFFIC_CHANNELS
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
-from litsim_sim.core.scene import DTYPES, AgentArrays, AgentTable, Controller
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentArrays, AgentTable, Controller
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
 
 
@@ -27,6 +27,14 @@ def scene(agents: int, seed: int = 0) -> AgentInputs:
         raster=rng.integers(0, 256, (agents, CHANNELS, ROWS, COLUMNS), np.uint8),
         traffic=rng.normal(size=(agents, TRAFFIC_CHANNELS)).astype(np.float32),
     )
+
+
+def table_of(step: int, agents: list[int]) -> AgentTable:
+    """Agents whose every column is their position plus a constant of the column."""
+    count = len(agents)
+    columns = [np.arange(count, dtype=DTYPES[f]) + i for i, f in enumerate(ARRAY_FIELDS)]
+    columns[0] = np.array(sorted(agents), np.int64)
+    return AgentTable(step, *columns)
 
 
 def straight_on(table: AgentTable, horizon: float = 5.0, dt: float = 0.2) -> Forecast:

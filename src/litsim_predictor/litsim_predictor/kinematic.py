@@ -79,7 +79,8 @@ class KinematicPredictor(PredictorPlugin):
 
     def _turn_rate(self, agents: AgentTable) -> FloatArray:
         """Returns the mean turn rate (n,) [rad/s]; zero for agents that have just appeared or hardly turn."""
-        yaw, present = self._history.series("yaw", agents.id)
+        yaws, present = self._history.window(agents.id, RATE_WINDOW + 1)
+        yaw = yaws[..., 0]
         first = np.argmax(present, axis=1)
         span = (yaw.shape[1] - 1 - first) * STEP_S
         turned = np.arctan2(

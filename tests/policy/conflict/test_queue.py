@@ -1,17 +1,15 @@
 """A queue in which boxes overlap in the log itself: vehicles of unknown size that were given the usual one."""
 
 from collections.abc import Callable
-from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand
-from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
@@ -20,7 +18,7 @@ SPEED, BRAKES, STARTS = 10.0, 2.0, 1.5  # [m/s], [m/s2]
 STEPS = 300
 
 
-def waiting(agent: int, place: float, until_s: float) -> pd.DataFrame:
+def waiting(agent: int, place: float, until_s: float) -> SimpleNamespace:
     """Comes at SPEED, stands at x = `place` from about 9 s on, and starts at `until_s`."""
     time = STEP_S * np.arange(STEPS + 1)
     brake_at = 4.0 + 0.3 * agent
@@ -30,22 +28,19 @@ def waiting(agent: int, place: float, until_s: float) -> pd.DataFrame:
     x += place - x[round((until_s - 1.0) / STEP_S)]
     same = {"y": -5.49, "yaw": 0.0, "length": LENGTH, "width": 2.0, "kind": 0, "lane": -1}
     moving = {"x": x, "speed": speed, "acceleration": np.gradient(speed, STEP_S)}
-    return pd.DataFrame({"vehicle_id": agent, "frame": np.arange(STEPS + 1), **moving, **same})
+    table = pd.DataFrame({"vehicle_id": agent, "frame": np.arange(STEPS + 1), **moving, **same})
+    return SimpleNamespace(id=agent, rows=lambda: table)
 
 
 @pytest.fixture
-def queue(tmp_path: Path) -> Callable[[float], Scenario]:
+def queue(make_scenario: Callable[..., Scenario]) -> Callable[[float], Scenario]:
     """The ego, one 2.5 m behind it, and three more, each `gap` [m] behind the one before: negative is an overlap."""
 
     def make(gap: float) -> Scenario:
         places = [STANDS, STANDS - LENGTH - 2.5]
         places += [places[1] - (k + 1) * (LENGTH + gap) for k in range(3)]
         tracks = [waiting(k + 1, place, 20.0 + 0.8 * k) for k, place in enumerate(places)]
-        table = pd.concat(tracks, ignore_index=True)
-        Recording.from_table(RecordingHeader("queue"), table, "queue").write(tmp_path / "queue.parquet")
-        fields = {"name": "queue", "recording": "queue.parquet", "net": "us101_like", "ego": EGO}
-        (tmp_path / "queue.yaml").write_text(yaml.safe_dump(fields | {"history_s": 1.0, "simulation_s": 28.0}))
-        return Scenario.load(tmp_path / "queue.yaml")
+        return make_scenario(*tracks, history_steps=10, simulation_s=28.0)
 
     return make
 

@@ -8,17 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from litsim_sim.core.history import History
-from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable
+from litsim_sim.core.scene import AgentTable
+from made_agents import table_of
 
 Build = Callable[..., AgentTable]
-
-
-def table_of(step: int, agents: list[int]) -> AgentTable:
-    """Agents whose every column is their position plus a constant of the column."""
-    count = len(agents)
-    columns = [np.arange(count, dtype=DTYPES[f]) + i for i, f in enumerate(ARRAY_FIELDS)]
-    columns[0] = np.array(sorted(agents), np.int64)
-    return AgentTable(step, *columns)
 
 
 def test_a_window_strides_back_from_the_newest_step_as_far_as_the_history_reaches(agent_table: Build) -> None:
@@ -39,35 +32,33 @@ def test_a_step_that_does_not_follow_starts_afresh(agent_table: Build, step: int
     for before in (3, 4, 5):
         history.push(agent_table(before, {"id": 1, "x": float(before)}))
     history.push(agent_table(step, {"id": 1, "x": 70.0}))
-    assert len(history) == 1
-    values, valid = history.series("x", np.array([1]))
-    assert (values.tolist(), valid.tolist()) == ([[70.0]], [[True]])
+    values, valid = history.window(np.array([1]), 2)
+    assert (values[..., 0].tolist(), valid.tolist()) == ([[0.0, 70.0]], [[False, True]])
 
 
-def test_series_without_agents_or_steps(agent_table: Build) -> None:
+def test_windows_without_agents_or_steps(agent_table: Build) -> None:
     history = History(3, ["x"])
-    values, valid = history.series("x", np.array([1, 2]))
-    assert values.shape == valid.shape == (2, 0)
+    assert not history.window(np.array([1, 2]), 2)[1].any()
     history.push(agent_table(0, {"id": 1}))
     history.push(AgentTable.empty(1))
-    assert history.series("x", np.empty(0, np.int64))[0].shape == (0, 2)
-    assert history.series("x", np.array([1]))[1].tolist() == [[True, False]]
+    assert history.window(np.empty(0, np.int64), 2)[0].shape == (0, 2, 1)
+    assert history.window(np.array([1]), 2)[1].tolist() == [[True, False]]
 
 
 @given(st.lists(st.lists(st.integers(0, 8), unique=True, max_size=6), min_size=1, max_size=12), st.integers(1, 6))
-def test_series_is_what_the_tables_held(present: list[list[int]], length: int) -> None:
+def test_a_window_is_what_the_tables_held(present: list[list[int]], length: int) -> None:
     history = History(length, ["x", "width"])
     for step, agents in enumerate(present):
         history.push(table_of(step, agents))
     wanted = np.arange(9)
-    values, valid = history.series("width", wanted)
     kept = present[-length:]
+    values, valid = history.window(wanted, len(kept))
     assert valid.shape == (9, len(kept))
     for column, agents in enumerate(kept):
         table = table_of(0, agents)
         for agent in wanted:
             assert valid[agent, column] == (agent in agents)
-            assert values[agent, column] == (table.width[table.row(agent)] if agent in agents else 0.0)
+            assert values[agent, column, 1] == (table.width[table.row(agent)] if agent in agents else 0.0)
 
 
 def test_who_has_left_takes_no_room(agent_table: Build) -> None:
@@ -75,5 +66,5 @@ def test_who_has_left_takes_no_room(agent_table: Build) -> None:
     for step in range(50):
         history.push(agent_table(step, {"id": step}, {"id": step + 1}))
     assert history._values.shape[1] <= 6
-    valid = history.series("x", np.array([48, 49, 50]))[1]
+    valid = history.window(np.array([48, 49, 50]), 3)[1]
     assert valid.tolist() == [[True, True, False], [False, True, True], [False, False, True]]

@@ -7,17 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, Controller
+from made_agents import table_of
 
 Build = Callable[..., AgentTable]
 ids = st.lists(st.integers(-(2**62), 2**62), unique=True, max_size=20)
-
-
-def table_of(step: int, agents: list[int]) -> AgentTable:
-    """Agents whose every column is their position plus a constant of the column."""
-    count = len(agents)
-    columns = [np.arange(count, dtype=DTYPES[f]) + i for i, f in enumerate(ARRAY_FIELDS)]
-    columns[0] = np.array(sorted(agents), np.int64)
-    return AgentTable(step, *columns)
 
 
 # AgentTable

@@ -29,10 +29,6 @@ class History:
         self._values = np.zeros((self._length, 0, len(self._fields)))
         self._present = np.zeros((self._length, 0), np.bool_)
 
-    def __len__(self) -> int:
-        """Returns the number of steps that are held."""
-        return self._held
-
     def push(self, table: AgentTable) -> None:
         """Append a step; one that does not follow the last step clears the history."""
         if self._held and table.step != self._step + 1:
@@ -47,16 +43,6 @@ class History:
         self._present[row, columns] = True
         for k, name in enumerate(self._fields):
             self._values[row, columns, k] = getattr(table, name)
-
-    def series(self, field: str, agents: IntArray) -> tuple[FloatArray, BoolArray]:
-        """Returns the values of `field` for `agents` (m,) over the history.
-
-        Returns:
-            values (m, h) with zeros where an agent was absent, and the mask (m, h) of where it was present;
-            h is the number of steps held, the newest last.
-        """
-        values, valid = self.window(agents, self._held)
-        return values[..., self._fields.index(field)], valid
 
     def window(self, agents: IntArray, length: int, stride: int = 1) -> tuple[FloatArray, BoolArray]:
         """Returns the values of all fields for `agents` (m,) at `length` steps, `stride` apart, up to the newest.
