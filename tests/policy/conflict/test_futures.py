@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from litsim_policy.conflict.config import ConflictConfig
 from litsim_policy.conflict.futures import Futures, PlannedPaths, follow_logs, go_as_planned, hold_back, interpolate
-from litsim_policy.conflict.predicted_motion import XX, XY, YAW, PredictedMotion, X, Y
+from litsim_policy.conflict.predicted_motion import XX, XY, YAW, YY, PredictedMotion, X, Y
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.geometry import wrap_angle
@@ -190,7 +190,7 @@ def test_it_keeps_its_braking_for_a_while_and_comes_to_its_path(agent_table) -> 
     np.testing.assert_allclose(found.x[0], 10.0 + gone, atol=1e-9)
     np.testing.assert_allclose(found.y[0], 2.0 * np.exp(-TIME), atol=1e-9)
     assert found.valid.all() and not len(found.alternatives)
-    along, across = found.covariance[0, -1, 0], found.covariance[0, -1, 1]
+    along, across = found.states[0, -1, [XX, YY]]
     assert along > 25.0 * across > 0.0, "where to is known better than how fast"
 
 
@@ -203,7 +203,7 @@ def test_it_takes_the_turn_that_its_path_takes_whatever_the_forecast_says(agent_
     found = go_on(agent_table, CORNER, x=10.0, speed=10.0, forecast=10.0)
     assert (found.x[0, -1], found.y[0, -1]) == pytest.approx((20.0, 20.0))
     assert found.yaw[0, -1] == pytest.approx(np.pi / 2)
-    assert found.covariance[0, -1, 1] > found.covariance[0, -1, 0], "the spread turns with the path"
+    assert found.states[0, -1, YY] > found.states[0, -1, XX], "the spread turns with the path"
 
 
 def test_how_far_it_gets_is_first_its_own_and_later_the_forecast_s(agent_table) -> None:

@@ -79,11 +79,6 @@ class PredictedMotion:
         """Heading (n, T) [rad]."""
         return self.states[..., YAW]
 
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance (n, T, 3) xx, yy, xy of the centre [m2]."""
-        return self.states[..., XX:]
-
     @cached_property
     def directions(self) -> tuple[Float32Array, Float32Array]:
         """Cosines and sines (n, T) of the headings, in single precision: numpy computes these twenty times as fast."""

@@ -36,14 +36,28 @@ class Router:
         self._lanes = lane_map
 
     def lanes_between(self, start: int, goal: int) -> list[int] | None:
-        """Rows in `LaneMap.lanes` of the shortest route from lane `start` to lane `goal`, both included, or None."""
-        before = self._search(start, goal)
-        if before is None:
-            return None
-        way = [goal]
-        while way[-1] != start:
-            way.append(before[way[-1]])
-        return way[::-1]
+        """Rows in `LaneMap.lanes` of the shortest route from lane `start` to lane `goal`, both included, or None.
+
+        scipy finds the same by Dijkstra's search (compared for all pairs of lanes of the packaged nets), but takes
+        longer to import than all searches of a run.
+        """
+        cost, before, settled = {start: 0.0}, dict[int, int](), set[int]()
+        waiting = [(0.0, start)]
+        while waiting:
+            so_far, lane = heappop(waiting)
+            if lane == goal:
+                way = [goal]
+                while way[-1] != start:
+                    way.append(before[way[-1]])
+                return way[::-1]
+            if lane in settled:
+                continue
+            settled.add(lane)
+            for other, length in self._links[lane]:
+                if so_far + length < cost.get(other, np.inf):
+                    cost[other], before[other] = so_far + length, lane
+                    heappush(waiting, (cost[other], other))
+        return None
 
     def path(self, pose: FloatArray, speed: float, goal: FloatArray) -> ReferencePath | None:
         """Returns the drivable path from `pose` to `goal`, both (3,) x, y [m], yaw [rad] in frame map, or None.
@@ -110,27 +124,6 @@ class Router:
             s = np.linspace(begin, end, count + 1)[1 if number == 0 and len(group) == 1 else 0 :]
             knots.append(np.stack(self._lanes.pose_at(group[-1], s), axis=-1))
         return np.concatenate(knots)
-
-    def _search(self, start: int, goal: int) -> dict[int, int] | None:
-        """Dijkstra's search: the predecessors of lanes on shortest routes from `start`; None if `goal` is not reached.
-
-        scipy gives the same routes (compared for all pairs of lanes of the packaged nets), but takes longer to import
-        than all searches of a run.
-        """
-        cost, before, settled = {start: 0.0}, dict[int, int](), set[int]()
-        waiting = [(0.0, start)]
-        while waiting:
-            so_far, lane = heappop(waiting)
-            if lane == goal:
-                return before
-            if lane in settled:
-                continue
-            settled.add(lane)
-            for other, length in self._links[lane]:
-                if so_far + length < cost.get(other, np.inf):
-                    cost[other], before[other] = so_far + length, lane
-                    heappush(waiting, (cost[other], other))
-        return None
 
     @cached_property
     def _links(self) -> list[list[tuple[int, float]]]:

@@ -7,7 +7,7 @@ import numpy as np
 from litsim_sim.core.dynamics import SPEED_MIN
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import STEP_S, AgentArrays
-from litsim_sim.kernels.compiled import Bools, Floats, Floats2, Ints, kernel
+from litsim_sim.kernels.compiled import Floats, Floats2, Ints, kernel
 
 # Limits of the network's commands, those of nuPlan's comfort measure unless stated otherwise.
 ACCELERATION_MAX, DECELERATION_MAX = 2.40, 4.05  # [m/s2]
@@ -18,17 +18,16 @@ BRAKING_JERK_MAX = 8.37
 LATERAL_ACCELERATION_MAX = 4.89  # [m/s2]
 YAW_RATE_MAX = 0.95  # [rad/s]
 YAW_ACCELERATION_MAX = 1.93  # [rad/s2]
-SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as unchanged
 
 
 @kernel
-def limited(acceleration: Floats, yaw_rate: Floats, agents: AgentArrays, rows: Ints) -> tuple[Floats2, Bools]:
-    """Returns commands (m, 2) within the comfort bounds, those on the rates of change included, and which changed (m,).
+def limited(acceleration: Floats, yaw_rate: Floats, agents: AgentArrays, rows: Ints) -> Floats2:
+    """Returns commands (m, 2) within the comfort bounds, those on the rates of change included.
 
     If the motion in the last step was out of bounds, it returns at the largest rate of change. The agents are in
     `rows` (m,); requests are (m,) [m/s2], [rad/s].
     """
-    limited, changed = np.empty((len(rows), 2)), np.empty(len(rows), np.bool_)
+    limited = np.empty((len(rows), 2))
     rise, fall = JERK_MAX * STEP_S, BRAKING_JERK_MAX * STEP_S
     turn_step = YAW_ACCELERATION_MAX * STEP_S
     for i in range(len(rows)):
@@ -39,6 +38,4 @@ def limited(acceleration: Floats, yaw_rate: Floats, agents: AgentArrays, rows: I
         turn = within(yaw_rate[i], agents.yaw_rate[own] - turn_step, agents.yaw_rate[own] + turn_step)
         limited[i, 0] = within(pedal, -DECELERATION_MAX, ACCELERATION_MAX)
         limited[i, 1] = within(turn, -bound, bound)
-        acceleration_change, yaw_rate_change = limited[i, 0] - acceleration[i], limited[i, 1] - yaw_rate[i]
-        changed[i] = abs(acceleration_change) > SAME or abs(yaw_rate_change) > SAME
-    return limited, changed
+    return limited

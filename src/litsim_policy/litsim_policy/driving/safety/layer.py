@@ -43,13 +43,11 @@ class SafeCommands:
     Attributes:
         acceleration: [m/s2].
         yaw_rate: [rad/s].
-        limited: whether a limit has changed the command.
         guarded: whether the guard has changed what the agent does.
     """
 
     acceleration: FloatArray
     yaw_rate: FloatArray
-    limited: BoolArray
     guarded: BoolArray
 
 
@@ -62,10 +60,10 @@ class SafetyLayer:
     def guard(self, scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray) -> SafeCommands:
         """Returns the requested commands (m,) [m/s2], [rad/s] of agents of `scene`, with the least changes needed."""
         agents, guarded = scene.agents, np.zeros(len(scene), np.bool_)
-        safe, is_limited = limited(acceleration, yaw_rate, agents.table.arrays, agents.rows)
+        safe = limited(acceleration, yaw_rate, agents.table.arrays, agents.rows)
         if self.config.contact and len(scene):
             safe, guarded = self._guarded(agents, safe)
-        return SafeCommands(safe[:, 0], safe[:, 1], is_limited, guarded)
+        return SafeCommands(safe[:, 0], safe[:, 1], guarded)
 
     def _guarded(self, agents: PathFollowers, commands: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Returns the least changes to `commands` (m, 2) with which agents touch no other, and which were changed (m,).
