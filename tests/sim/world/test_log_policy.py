@@ -219,22 +219,6 @@ def test_an_agent_that_leaves_while_fading_is_gone(policy: Callable[[], LogPolic
 # Late
 
 
-@given(st.integers(0, 100), st.floats(-1.0, 1.0))
-def test_the_lag_is_the_time_since_the_log_was_nearest(policy: Callable[[], LogPolicy], ago: int, aside: float) -> None:
-    log, step = policy().log, 120
-    row = log.row(1)
-    x, y = log.x[row, step - ago], log.y[row, step - ago] + aside
-    ahead = log.x[row, step] + 5.0, y
-    lags = log.lags(np.array([row, row]), step, *np.array([(x, y), ahead]).T)
-    assert lags.tolist() == [ago, 0], "ahead of its log it is not late"
-
-
-def test_a_log_that_waited_is_not_waited_for_again(policy: Callable[[], LogPolicy]) -> None:
-    log = policy().log
-    row = log.row(3)
-    assert log.lags(np.array([row]), 100, log.x[row, :1] - 2.0, log.y[row, :1]).tolist() == [0]
-
-
 @pytest.mark.parametrize(("agent", "x", "y"), [(1, -20.0, 0.3), (2, -6.3, -0.4), (1, -0.2, 0.0)])
 def test_who_is_released_late_follows_its_log_with_that_lag(
     policy: Callable[[], LogPolicy], agent: int, x: float, y: float
