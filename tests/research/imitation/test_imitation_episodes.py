@@ -10,7 +10,7 @@ import torch
 from litsim_policy.driving.features.traffic_observation import SIZE
 from litsim_research.baselines.imitation_policy import BOUNDS
 from litsim_research.imitation.config import ImitationTraining
-from litsim_research.imitation.episodes import Faults, TrafficEpisodes
+from litsim_research.imitation.episodes import TrafficEpisodes
 from litsim_research.imitation.expert import traffic_pairs
 from litsim_research.imitation.network import TrafficPolicy
 from litsim_research.imitation.rollout import collect, drive, validate
@@ -42,21 +42,23 @@ def test_who_is_told_to_do_as_he_does_stays_on_his_log(scenario: Scenario) -> No
         step = episodes.step(np.zeros((2, 2)))
         assert step.executed == pytest.approx(np.zeros((2, 2)), abs=1e-6)
         assert step.error == pytest.approx(np.zeros(2), abs=1e-3)
-        assert not step.faults.worst.any()
+        assert not step.worst.any()
 
 
 def test_faults_are_what_rail_punishes(scenario: Scenario) -> None:
     episodes = TrafficEpisodes([scenario], 10, 60.0)
-    braking = episodes.step(np.array([[-2.5, 0.0], [-2.5, 0.0]]) / BOUNDS).faults
+    braking = episodes.step(np.array([[-2.5, 0.0], [-2.5, 0.0]]) / BOUNDS)
     assert braking.hard_brake == pytest.approx([0.5, 0.5]) and braking.worst == pytest.approx([0.25, 0.25])
     off, touched = np.zeros(2), False
     for step in range(45):
-        faults = episodes.step(np.array([[0.0, -1.0], [-1.0, 0.0]])).faults  # 2 turns off, 3 lets the ego come
+        faults = episodes.step(np.array([[0.0, -1.0], [-1.0, 0.0]]))  # 2 turns off, 3 lets the ego come
         off = np.maximum(off, faults.off_road)
         touched |= step < 22 and bool(faults.contact[1])
     assert off.tolist() == [1.0, 0.0]
     assert not touched, "who is run into from behind could not help it"
-    faults = Faults(np.array([True, False]), np.array([0.2, 0.3]), np.array([1.0, 1.0]))
+    faults = replace(
+        faults, contact=np.array([True, False]), off_road=np.array([0.2, 0.3]), hard_brake=np.array([1.0, 1.0])
+    )
     assert faults.worst.tolist() == [1.0, 0.5]
     assert replace(faults, hard_brake=np.zeros(2)).worst.tolist() == [1.0, 0.3]
 
@@ -64,7 +66,7 @@ def test_faults_are_what_rail_punishes(scenario: Scenario) -> None:
 def test_who_drives_into_another_is_at_fault_and_drives_on(scenario: Scenario) -> None:
     episodes = TrafficEpisodes([scenario], 10, 60.0)
     steps = range(episodes.step_number, episodes.last_step)
-    touched = [bool(episodes.step(np.array([[1.0, 0.0], [0.0, 0.0]])).faults.contact[0]) for _ in steps]
+    touched = [bool(episodes.step(np.array([[1.0, 0.0], [0.0, 0.0]])).contact[0]) for _ in steps]
     assert any(touched) and len(episodes.agents) == 2
 
 

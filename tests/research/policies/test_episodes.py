@@ -66,12 +66,21 @@ def test_who_makes_others_brake_shares_their_penalties(make_scenario, track, lan
     assert min(more) < 0.0 and all((a.penalty <= b.penalty).all() for a, b in zip(shared, alone, strict=True))
 
 
-def test_driven_agents_are_observed(traffic) -> None:
-    episodes = begun(traffic)
+def test_driven_agents_are_observed_and_outcomes_say_what_was_driven(traffic) -> None:
+    episodes = begun(traffic, seed=1)
     agents = episodes.batch.log.recorded_ids[episodes.driven]
     assert 2 <= len(agents) <= SMALL.slots and (np.diff(agents) > 0).all()
     assert (np.abs(episodes.seen).sum(axis=1) > 0).all() and len(episodes.seen) == len(agents)
     assert traffic.ego_id not in agents
+    outcome = episodes.step(np.zeros((len(episodes.driven), 3)))
+    assert outcome.driven_on.any()
+    for agent, following in zip(outcome.agents[outcome.driven_on], outcome.following[outcome.driven_on], strict=True):
+        assert (episodes.seen[episodes.driven == agent] == following).all(), "what the next step begins with"
+    for _ in range(6):
+        outcome = episodes.step(np.tile([-0.2, 0.0, 0.0], (len(episodes.driven), 1)))
+    count = len(outcome.agents)
+    assert outcome.following.shape == (count, ObservationConfig().size) and outcome.executed.shape == (count, 3)
+    assert outcome.executed[:, 0] == pytest.approx(np.full(count, -0.2), abs=0.02)
 
 
 def test_only_sampled_agents_are_driven_where_that_is_asked_for(traffic) -> None:
@@ -102,10 +111,14 @@ def test_collisions_end_episodes(traffic) -> None:
         assert not end.driven_on.any() and end.penalty[end.terminated].max() <= -PenaltyConfig().collision
 
 
-def test_leaving_the_road_ends_episodes(make_scenario, track, lane_centres) -> None:
+@pytest.mark.parametrize("ends", [True, False])
+def test_leaving_the_road_ends_episodes_unless_that_is_said(make_scenario, track, lane_centres, *, ends: bool) -> None:
     scenario = make_scenario(track(1, x=60.0, last=80), track(2, x=80.0, y=lane_centres[0], last=80))
-    last = driven(begun(scenario, EnvironmentConfig(steps_max=60, slots=2, sampled=1)), lateral=0.3)[-1]
-    assert last.terminated.any() and last.terms.off_road.any()
+    config = EnvironmentConfig(steps_max=60, slots=2, sampled=1, off_road_ends=ends)
+    *before, last = driven(begun(scenario, config), lateral=0.3)
+    assert sum(int(o.terms.off_road.sum()) for o in (*before, last)) == 1
+    assert not any(o.terminated.any() for o in before)
+    assert last.terminated.any() == last.terms.off_road.any() == ends
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -120,23 +133,6 @@ def test_a_road_that_empties_is_no_failure(make_scenario, track, seed: int) -> N
     assert (left.following == outcomes[-2].following).all(), "the last observation that there is"
     assert not left.driven_on.any() and not left.terminated.any() and left.penalty.tolist() == [0.0]
     assert episodes.step_number == scenario.total_steps
-
-
-def test_outcomes_say_what_was_driven(traffic) -> None:
-    episodes = begun(traffic)
-    for _ in range(6):
-        outcome = episodes.step(np.tile([-0.2, 0.0, 0.0], (len(episodes.driven), 1)))
-    count = len(outcome.agents)
-    assert outcome.following.shape == (count, ObservationConfig().size) and outcome.executed.shape == (count, 3)
-    assert outcome.executed[:, 0] == pytest.approx(np.full(count, -0.2), abs=0.02)
-
-
-def test_following_observations_are_those_of_the_next_step(traffic) -> None:
-    episodes = begun(traffic, seed=1)
-    outcome = episodes.step(np.zeros((len(episodes.driven), 3)))
-    assert outcome.driven_on.any()
-    for agent, following in zip(outcome.agents[outcome.driven_on], outcome.following[outcome.driven_on], strict=True):
-        assert (episodes.seen[episodes.driven == agent] == following).all()
 
 
 # Penalties
@@ -198,14 +194,6 @@ def test_sampled_agents_are_driven_to_the_ends_of_their_logs_where_a_hand_back_e
         last = outcomes[-1]
         assert bool(last.terminated[0]) == ends and not last.driven_on[0]
         assert (len(outcomes) < 60) == ends
-
-
-def test_leaving_the_road_ends_no_episode_where_that_is_said(make_scenario, track, lane_centres) -> None:
-    scenario = make_scenario(track(1, x=60.0, last=80), track(2, x=80.0, y=lane_centres[0], last=80))
-    config = EnvironmentConfig(steps_max=60, slots=2, sampled=1, off_road_ends=False)
-    outcomes = driven(begun(scenario, config), lateral=0.3)
-    assert sum(int(o.terms.off_road.sum()) for o in outcomes) == 1
-    assert not any(o.terminated.any() for o in outcomes) and not outcomes[-1].terms.off_road.any()
 
 
 def test_corrections_lead_back_to_the_path(make_scenario, track) -> None:

@@ -22,40 +22,29 @@ BRAKE = 2.0, 3.0  # [m/s2] braking at which RAIL's penalty begins and is full
 
 
 @dataclass(frozen=True)
-class Faults:
-    """Faults of the m driven agents in a step, each in [0, 1]; arrays (m,).
-
-    Attributes:
-        contact: whether the agent touches one that is not behind it.
-        off_road: rises towards the edge of the road; 1 beyond it.
-        hard_brake: rises with hard braking.
-    """
-
-    contact: BoolArray
-    off_road: FloatArray
-    hard_brake: FloatArray
-
-    @property
-    def worst(self) -> FloatArray:
-        """RAIL's penalty (m,), positive: the greatest of the faults, with hard braking halved."""
-        return np.maximum.reduce([self.contact.astype(np.float64), self.off_road, 0.5 * self.hard_brake])
-
-
-@dataclass(frozen=True)
 class TrafficStep:
-    """Result of a step for the m agents driven in it; arrays (m, ...), ids ascending.
+    """Result of a step for the m agents driven in it; arrays (m, ...), ids ascending; no faults of who left the net.
 
     Attributes:
         agents: ids in the batched scenario.
         executed: (m, 2) executed motion, as actions in [-1, 1].
-        faults: of the agents; none for agents that have left the net.
+        contact: (m,) whether the agent touches one that is not behind it.
+        off_road: (m,) in [0, 1], rises towards the edge of the road; 1 beyond it.
+        hard_brake: (m,) in [0, 1], rises with hard braking.
         error: (m,) distance to the logged position [m]; NaN after the end of the log.
     """
 
     agents: IntArray
     executed: FloatArray
-    faults: Faults
+    contact: BoolArray
+    off_road: FloatArray
+    hard_brake: FloatArray
     error: FloatArray
+
+    @property
+    def worst(self) -> FloatArray:
+        """RAIL's penalty (m,), positive: the greatest of the faults, with hard braking halved."""
+        return np.maximum.reduce([self.contact.astype(np.float64), self.off_road, 0.5 * self.hard_brake])
 
 
 class TrafficEpisodes:
@@ -118,7 +107,7 @@ class TrafficEpisodes:
         known = here & (log.last_step[at] >= after.step)
         x, y = log.x[at[known], after.step], log.y[at[known], after.step]
         error[known] = np.hypot(after.x[rows[known]] - x, after.y[rows[known]] - y)
-        return TrafficStep(agents, np.clip(executed, -1.0, 1.0), Faults(contact, off, brake), error)
+        return TrafficStep(agents, np.clip(executed, -1.0, 1.0), contact, off, brake, error)
 
     def _near(self, table: AgentTable, count: int, radius: float) -> list[int]:
         """Returns ids of up to `count` agents within `radius` [m] of each scene's ego, the nearest first."""

@@ -59,9 +59,9 @@ def drive(
         raw, density = _drawn(policy, observed, generator)
         step = episodes.step(raw)
         ids.append(step.agents)
-        columns.append((observed, raw, density, step.executed, -step.faults.worst))
-        contacts |= set(step.agents[step.faults.contact].tolist())
-        off |= set(step.agents[step.faults.off_road >= 1.0].tolist())
+        columns.append((observed, raw, density, step.executed, -step.worst))
+        contacts |= set(step.agents[step.contact].tolist())
+        off |= set(step.agents[step.off_road >= 1.0].tolist())
         error = step.error
     if not ids:
         return Drive([], (0, 0), error)

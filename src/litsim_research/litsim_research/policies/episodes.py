@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -20,7 +19,7 @@ from litsim_policy.driving.safety.layer import SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import NOBODY, DrivingScene, due_step, opponent_of
 from litsim_research.policies.draw import Start, drawn_ego, with_ego
 from litsim_research.policies.reward import Penalties, PenaltyConfig, displacement, passed_on, penalties
-from litsim_research.policies.sampled_agents import SampledAgents
+from litsim_research.policies.sampled_agents import SampledAgents, Task
 from litsim_research.policies.task import TaskConfig
 from litsim_sim.core.quantities import Flag, Length, NonNegative, Positive, Share, Steps, Whole, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
@@ -127,17 +126,6 @@ class Outcome:
     __hash__ = None  # type: ignore[assignment]
 
 
-class _Task(NamedTuple):
-    """Task of a driven agent, see :class:`litsim_policy.driving.task.DrivingTask`; sampled unless `taken_over`."""
-
-    agent: int
-    points: FloatArray
-    goal: tuple[float, float]
-    due_step: int
-    opponent: int
-    taken_over: bool
-
-
 class Episodes:
     """E episodes on scenarios of one :func:`litsim_sim.scenario.batched.kind`, from the first step after the history.
 
@@ -233,16 +221,15 @@ class Episodes:
     def _choose(self) -> None:
         """Choose the agents driven at the current step: held and sampled ones, up to `slots` in each episode."""
         tasks = {
-            t.agent: _Task(t.agent, t.reference_path, t.goal_pose[:2], due_step(t), opponent_of(t), taken_over=True)
+            t.agent: Task(t.agent, t.reference_path, t.goal_pose[:2], due_step(t), opponent_of(t), taken_over=True)
             for t in self._takeovers
             if t.state.drives_on and t.path_source != PathSource.LANE  # passing agents are driven by rules
         }
         sampling = self.step_number < self.batch.history_steps + self._config.sample_steps
         sampled = self._sampled_agents.of(self._table, to_log_end=self._config.handback_ends) if sampling else []
         for task in sampled:
-            held = task.agent in tasks
-            opponent = tasks[task.agent].opponent if held else task.opponent
-            tasks[task.agent] = _Task(task.agent, task.points, task.goal, task.due_step, opponent, taken_over=held)
+            held = tasks.get(task.agent)
+            tasks[task.agent] = task if held is None else task._replace(opponent=held.opponent, taken_over=True)
         if self._sampled_only:
             tasks = {task.agent: tasks[task.agent] for task in sampled}
         counts = np.zeros(len(self.running), np.int64)
@@ -254,7 +241,7 @@ class Episodes:
                 self._tasks.append(tasks[agent])
         self._scene = self._with_tasks(self._tasks)
 
-    def _outcome(self, before: AgentTable, driven: IntArray, tasks: list[_Task], needed: BoolArray) -> Outcome:
+    def _outcome(self, before: AgentTable, driven: IntArray, tasks: list[Task], needed: BoolArray) -> Outcome:
         """The outcome of the step from `before` to now.
 
         Args:
@@ -310,7 +297,7 @@ class Episodes:
         self.seen = self.seen[stays]
         self._scene = self._with_tasks(self._tasks)
 
-    def _with_tasks(self, tasks: Sequence[_Task]) -> DrivingScene:
+    def _with_tasks(self, tasks: Sequence[Task]) -> DrivingScene:
         """The current scene of the agents with `tasks`."""
         return DrivingScene.on_paths(
             self.batch.lane_map,

@@ -4,28 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from litsim_policy.driving.task import NOBODY, DrivingTask
 from litsim_policy.motion.path_batch import PathBatch
-from litsim_policy.motion.reference_path import ReferencePath
 from litsim_research.policies.draw import Start, sampled_tasks
 from litsim_research.policies.task import TaskConfig, all_nearest, recorded_task
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.scenario.batched import BatchedScenario
 
 
-@dataclass(frozen=True)
-class SampledTask:
-    """Task of a sampled agent at one step; ids are those of the batched scenario.
+class Task(NamedTuple):
+    """Task of a driven agent at one step, see :class:`litsim_policy.driving.task.DrivingTask`.
 
     Attributes:
-        agent: id.
+        agent: id in the batched scenario.
         points: (k, 2) points of its path around its position [m].
         goal: x and y [m].
-        due_step: see :class:`litsim_policy.driving.task.DrivingTask`.
-        opponent: id of the agent that is nearest now, or NOBODY.
+        due_step, opponent: as there; the opponent of a sampled agent is the one that is nearest now, or NOBODY.
+        taken_over: whether the agent is off its log in a conflict; otherwise it is sampled.
     """
 
     agent: int
@@ -33,18 +32,15 @@ class SampledTask:
     goal: tuple[float, float]
     due_step: int
     opponent: int
+    taken_over: bool
 
 
-@dataclass
+@dataclass(frozen=True)
 class _SampledAgent:
-    """A sampled agent: scene, id in it, whole path and current task, which is kept up to the step `passed`."""
+    """A sampled agent: its scene, and the current task by the ids of that scene, kept up to the step `passed`."""
 
     scene: int
-    own: int
-    path: ReferencePath
-    goal: tuple[float, float]
-    due_step: int
-    has_opponent: bool
+    task: DrivingTask
     passed: int
 
 
@@ -72,10 +68,10 @@ class SampledAgents:
             for k, (start, own) in enumerate(zip(starts, batch.tables(table), strict=True))
             for task in sampled_tasks(own, start.scenario, count, radius, config, start.random)
         ]
-        self._agents = [batch.agent(one.scene, one.own) for one in self._sampled]
-        self._paths = PathBatch.of([one.path.points for one in self._sampled])
+        self._agents = [batch.agent(one.scene, one.task.agent) for one in self._sampled]
+        self._paths = PathBatch.of([one.task.path.points for one in self._sampled])
 
-    def of(self, table: AgentTable, *, to_log_end: bool) -> list[SampledTask]:
+    def of(self, table: AgentTable, *, to_log_end: bool) -> list[Task]:
         """Current tasks of the sampled agents that are on the road in `table`; `to_log_end`: and not past their logs.
 
         An agent is past its log if it is nearest to the last pose.
@@ -93,11 +89,13 @@ class SampledAgents:
         opponents = all_nearest(table, at).tolist()
         found = []
         for k, opponent, i, j in zip(here.tolist(), opponents, begin, end, strict=True):
-            one = self._sampled[k]
-            if table.step > one.passed:
-                self._renew(one, self._batch.table(one.scene, table))
-            minded = opponent if one.has_opponent else NOBODY
-            found.append(SampledTask(self._agents[k], one.path.points[i:j], one.goal, one.due_step, minded))
+            if table.step > self._sampled[k].passed:
+                self._sampled[k] = self._with_next_task(self._sampled[k], table)
+            task = self._sampled[k].task
+            goal_x, goal_y = task.goal.tolist()
+            minded = opponent if task.opponent != NOBODY else NOBODY
+            points = task.path.points[i:j]
+            found.append(Task(self._agents[k], points, (goal_x, goal_y), task.due_step, minded, taken_over=False))
         return found
 
     def exchange(self, table: AgentTable, agents: IntArray) -> IntArray:
@@ -110,21 +108,18 @@ class SampledAgents:
         for k, agent in enumerate(agents.tolist()):
             at = self._agents.index(agent)
             scene = self._sampled[at].scene
-            start, taken = self._starts[scene], [one.own for one in self._sampled if one.scene == scene]
+            start, taken = self._starts[scene], [one.task.agent for one in self._sampled if one.scene == scene]
             own = self._batch.table(scene, table)
             config, random = self._config, start.random
             for task in sampled_tasks(own, start.scenario, 1, self._radius, config, random, but=taken):
                 self._sampled[at] = self._begun(table.step, scene, task)
                 self._agents[at] = others[k] = self._batch.agent(scene, task.agent)
-        self._paths = PathBatch.of([one.path.points for one in self._sampled])
+        self._paths = PathBatch.of([one.task.path.points for one in self._sampled])
         return others
 
     def _begun(self, step: int, scene: int, task: DrivingTask) -> _SampledAgent:
         """Returns the sampled agent of a `task` that was drawn at `step`."""
-        goal_x, goal_y = task.goal.tolist()
-        passed = self._passed(step, task.due_step)
-        has_opponent = task.opponent != NOBODY
-        return _SampledAgent(scene, task.agent, task.path, (goal_x, goal_y), task.due_step, has_opponent, passed)
+        return _SampledAgent(scene, task, max(step, task.due_step - min(self._config.goal_steps[0], 0)))
 
     def _past_log(self, table: AgentTable, rows: IntArray) -> BoolArray:
         """Returns whether the agents in `rows` (m,) of `table` are past their logs (m,)."""
@@ -133,14 +128,9 @@ class SampledAgents:
         lags = log.lags(own, table.step, table.x[rows], table.y[rows])
         return np.asarray(table.step - lags >= log.last_step[own])
 
-    def _renew(self, one: _SampledAgent, table: AgentTable) -> None:
-        """Draw another task for `one`, in `table` of its scene."""
-        start = self._starts[one.scene]
-        task = recorded_task(start.scenario.log, one.path, table, table.row(one.own), self._renewed, start.random)
-        goal_x, goal_y = task.goal.tolist()
-        one.goal, one.due_step, one.has_opponent = (goal_x, goal_y), task.due_step, task.opponent != NOBODY
-        one.passed = self._passed(table.step, task.due_step)
-
-    def _passed(self, step: int, due_step: int) -> int:
-        """Last step at which a task drawn at `step` is kept."""
-        return max(step, due_step - min(self._config.goal_steps[0], 0))
+    def _with_next_task(self, one: _SampledAgent, table: AgentTable) -> _SampledAgent:
+        """Returns the agent `one` with another task, drawn at the step of `table`."""
+        start, own = self._starts[one.scene], self._batch.table(one.scene, table)
+        row, path = own.row(one.task.agent), one.task.path
+        task = recorded_task(start.scenario.log, path, own, row, self._renewed, start.random)
+        return self._begun(own.step, one.scene, task)

@@ -91,17 +91,8 @@ class Tracks:
 
     def take(self, keep: BoolArray) -> Tracks:
         """Returns the tracks reduced to the rows in the mask `keep` (R,)."""
-        return Tracks(
-            self.name,
-            self.vehicle[keep],
-            self.frame[keep],
-            self.motion[keep],
-            self.size[keep],
-            self.heading[keep],
-            self.target[keep],
-            self.raster,
-            self.lanes,
-        )
+        by_row = ("vehicle", "frame", "motion", "size", "heading", "target")
+        return replace(self, **{name: getattr(self, name)[keep] for name in by_row})
 
     def without_lines(self) -> Tracks:
         """Returns the tracks of the vehicles alone, for models that do not see closed stop lines."""
