@@ -1,9 +1,8 @@
 """What `calibrate` says about wrong options."""
 
-from typing import Any
-
 import pytest
 
+from command_line import refusal
 from litsim_research.cli import calibrate
 
 
@@ -15,9 +14,5 @@ from litsim_research.cli import calibrate
         (["--thresholds", "0"], "--thresholds: [0.0], expected probabilities above 0 and below 1\n"),
     ],
 )
-def test_wrong_options_are_named(words: list[str], said: str, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
-    monkeypatch.setattr("sys.argv", ["calibrate", *words])
-    with pytest.raises(SystemExit) as stop:
-        calibrate.main()
-    assert stop.value.code == 2
-    assert capsys.readouterr().err == f"error: {said}"
+def test_wrong_options_are_named(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert refusal(capsys, calibrate.main, *words) == f"error: {said}"

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from litsim_research.cli.paper import CLAIMS, GOALS, SHOWN, short_table
+from litsim_research.cli.paper import CLAIMS, GOALS, SHOWN
 from litsim_research.paper.claims import claim_rows, claims_table
 from litsim_research.paper.experiments import EXPERIMENTS
 from litsim_research.paper.goals import GoalRow, goals, goals_table
@@ -195,7 +195,7 @@ def test_the_page_of_the_documentation_agrees_with_its_files(name: str) -> None:
     elif name == GOALS:
         lines = goals_table(read_csv(file, GoalRow))
     else:
-        lines = short_table(EXPERIMENTS[name], read_csv(file, Row))
+        lines = summary(read_csv(file, Row), counts_alone=EXPERIMENTS[name].counts_alone)
     mark = begin(f"paper {name}").removesuffix(" -->")
     (shown,) = (part.split(END)[0] for part in PAGE.read_text().split(mark)[1:])
     assert shown.partition(" -->\n")[2] == "".join(f"{line}\n" for line in lines)

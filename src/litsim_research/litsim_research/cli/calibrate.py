@@ -55,9 +55,9 @@ def parser() -> argparse.ArgumentParser:
 
 
 @program
-def main() -> None:
+def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_research calibrate``."""
-    arguments = parser().parse_args()
+    arguments = parser().parse_args(argv)
     thresholds = np.array(sorted(arguments.thresholds))
     if (thresholds <= 0.0).any() or (thresholds >= 1.0).any():
         raise InputError(f"--thresholds: {thresholds.tolist()}, expected probabilities above 0 and below 1")

@@ -81,11 +81,6 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def short_table(experiment: Experiment, records: Sequence[tables.Row]) -> list[str]:
-    """Returns lines of the table that stands for the `records` of `experiment` on a page."""
-    return tables.summary(records, counts_alone=experiment.counts_alone)
-
-
 class Work:
     """Runs the experiments and writes tables and figures, as the arguments ask."""
 
@@ -105,7 +100,7 @@ class Work:
         campaign = self._campaign(experiment)
         egos = [ego.name for ego in self._egos(experiment)]
         records = _rows(campaign, experiment, egos, self._sets if experiment.by_set else ())
-        self._write(experiment.name, records, short_table(experiment, records))
+        self._write(experiment.name, records, tables.summary(records, counts_alone=experiment.counts_alone))
         if experiment.aimed:
             groups: list[tuple[str, str | None]] = [(tables.CONFLICTING_EGOS, name) for name in self._sets]
             groups += [(PAPER_EGO, None)] if PAPER_EGO in egos else []

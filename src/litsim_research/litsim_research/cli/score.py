@@ -221,10 +221,10 @@ def _cell(value: float | None, measure: str) -> str:
 
 
 @program
-def main() -> None:
+def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_research score``."""
     logging.basicConfig(format="%(levelname)s: %(message)s")
-    arguments = parser().parse_args()
+    arguments = parser().parse_args(argv)
     result = evaluate(arguments)
     measures = next(iter(result.values()))
     where = ", ".join(measures["protocol"]["sources"])

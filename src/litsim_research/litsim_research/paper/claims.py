@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from litsim_eval.analysis.measures.displacement import HORIZONS_S
 from litsim_research.paper.experiments import DRIVEN_BY_BASELINES, OURS, PAPER_SETUP
@@ -12,8 +12,6 @@ from litsim_sim.scenario.policies import REPLAY
 
 Values = Mapping[str, Mapping[str, float]]
 """A table with one ego on one set of roads: values by measure, then by method."""
-Holds = Callable[[Values, str], bool | None]
-
 RIVALS = DRIVEN_BY_BASELINES
 EVERYBODY = (REPLAY, *RIVALS)
 SHORT_S = 15  # [s] up to which the paper calls a simulation short
@@ -22,56 +20,53 @@ LAST = "ade_last"
 """Key of ADE at the last horizon that a table has."""
 
 
-@dataclass(frozen=True)
-class Claim:
-    """A claim, and whether it holds in a table.
+class Claim(NamedTuple):
+    """A claim that a method is better than others in each of some measures.
 
     Attributes:
         text: the claim.
-        holds: the answer for a table, given the name of the row that is LitSim; None where the table does not tell.
+        measures: keys of the measures.
+        method, than: names of rows, `OURS` for the one that is LitSim.
+        most: whether higher values are better.
     """
 
     text: str
-    holds: Holds
+    measures: Sequence[str]
+    method: str
+    than: Sequence[str]
+    most: bool = False
 
+    def holds(self, table: Values, ours: str) -> bool | None:
+        """Returns whether it holds in a table whose row `ours` is LitSim; None where the table does not tell."""
 
-def _better(measures: Sequence[str], method: str, than: Sequence[str], *, most: bool = False) -> Holds:
-    """Returns the question whether `method` is better than others in each of those `measures` that a table has.
-
-    Methods are names of rows, `OURS` for the one that is LitSim; higher values are better if `most`.
-    """
-
-    def holds(table: Values, ours: str) -> bool | None:
         def value(measure: str, name: str) -> float | None:
             return table.get(measure, {}).get(ours if name == OURS else name)
 
-        pairs = [(value(m, method), value(m, other)) for m in measures for other in than]
+        pairs = [(value(m, self.method), value(m, other)) for m in self.measures for other in self.than]
         told = [(own, other) for own, other in pairs if own is not None and other is not None]
-        return all(own > other if most else own < other for own, other in told) if told else None
-
-    return holds
+        return all(own > other if self.most else own < other for own, other in told) if told else None
 
 
 CLAIMS = (
-    Claim("up to 15 s, IDM is nearest to the log", _better(SHORT, "idm", (OURS, "gail", "simnet"))),
-    Claim("beyond 15 s, LitSim is nearest to the log", _better(LONG, OURS, RIVALS)),
-    Claim("LitSim has the lowest collision rate", _better(("collision_beyond",), OURS, EVERYBODY)),
-    Claim("LitSim has the highest reactivity", _better(("reactivity_beyond",), OURS, EVERYBODY, most=True)),
-    Claim("LitSim has fewest contacts at the background's fault", _better(("fault_background",), OURS, EVERYBODY)),
-    Claim("LitSim has fewest contacts at the ego's fault", _better(("fault_ego",), OURS, EVERYBODY)),
-    Claim("LitSim has the lowest relevant ratio, apart from replay", _better(("relevant",), OURS, RIVALS)),
-    Claim("of IDM, GAIL and SimNet, SimNet collides least", _better(("collision_beyond",), "simnet", ("idm", "gail"))),
-    Claim("GAIL makes most progress", _better(("progress",), "gail", (OURS, "idm", "simnet"), most=True)),
+    Claim("up to 15 s, IDM is nearest to the log", SHORT, "idm", (OURS, "gail", "simnet")),
+    Claim("beyond 15 s, LitSim is nearest to the log", LONG, OURS, RIVALS),
+    Claim("LitSim has the lowest collision rate", ("collision_beyond",), OURS, EVERYBODY),
+    Claim("LitSim has the highest reactivity", ("reactivity_beyond",), OURS, EVERYBODY, most=True),
+    Claim("LitSim has fewest contacts at the background's fault", ("fault_background",), OURS, EVERYBODY),
+    Claim("LitSim has fewest contacts at the ego's fault", ("fault_ego",), OURS, EVERYBODY),
+    Claim("LitSim has the lowest relevant ratio, apart from replay", ("relevant",), OURS, RIVALS),
+    Claim("of IDM, GAIL and SimNet, SimNet collides least", ("collision_beyond",), "simnet", ("idm", "gail")),
+    Claim("GAIL makes most progress", ("progress",), "gail", (OURS, "idm", "simnet"), most=True),
 )
 """Of Table II; LitSim is compared with each baseline in both of its rows, and with replay where that is not perfect by
 definition."""
 
 ABLATION_CLAIMS = (
-    Claim("joint forecasts bring agents nearer to the log (M1, M0)", _better((LAST,), "M1", ("M0",))),
-    Claim("joint forecasts avoid collisions (M1, M0)", _better(("collision_beyond",), "M1", ("M0",))),
-    Claim("policy C brings agents nearer to the log (M2, M1)", _better((LAST,), "M2", ("M1",))),
-    Claim("policy C avoids collisions (M2, M1)", _better(("collision_beyond",), "M2", ("M1",))),
-    Claim("the larger ROI brings agents nearer to the log (M\\*, M2)", _better((LAST,), PAPER_SETUP, ("M2",))),
+    Claim("joint forecasts bring agents nearer to the log (M1, M0)", (LAST,), "M1", ("M0",)),
+    Claim("joint forecasts avoid collisions (M1, M0)", ("collision_beyond",), "M1", ("M0",)),
+    Claim("policy C brings agents nearer to the log (M2, M1)", (LAST,), "M2", ("M1",)),
+    Claim("policy C avoids collisions (M2, M1)", ("collision_beyond",), "M2", ("M1",)),
+    Claim("the larger ROI brings agents nearer to the log (M\\*, M2)", (LAST,), PAPER_SETUP, ("M2",)),
 )
 """Of the ablation study, all of whose rows have the paper's configuration; M* is :data:`PAPER_SETUP`."""
 

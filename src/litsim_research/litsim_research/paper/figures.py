@@ -25,21 +25,18 @@ FAULTS = {
 ENDINGS = ("png", "svg")
 
 
-def save(canvas: Canvas, folder: Path, name: str) -> list[Path]:
-    """Write `canvas` to `folder` as PNG and SVG; equal figures give equal files. Returns their paths.
+def save(canvas: Canvas, folder: Path, name: str) -> None:
+    """Write `canvas` to `folder` as PNG and SVG; equal figures give equal files.
 
     Raises:
         InputError: they cannot be written.
     """
     FigureCanvasAgg(canvas)
-    paths = []
     with rc_context({"svg.hashsalt": name, "svg.fonttype": "none"}):
         for ending in ENDINGS:
-            paths.append(folder / f"{name}.{ending}")
-            with replacing(paths[-1]) as new:
+            with replacing(folder / f"{name}.{ending}") as new:
                 metadata = {"Date": None} if ending == "svg" else {"Software": None}
                 canvas.savefig(new, dpi=DPI, metadata=metadata)
-    return paths
 
 
 def contacts_by_fault(by_set: Mapping[str, Methods]) -> Canvas:
