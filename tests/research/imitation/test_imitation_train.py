@@ -1,7 +1,6 @@
 """Training of GAIL and RAIL: it runs, goes on where it stopped, and learns what it is rewarded for."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import pytest
 import torch
 import yaml
 
+from command_line import refusal
 from litsim_research.baselines.imitation_policy import ImitationNetwork
 from litsim_research.imitation import train
 from litsim_research.imitation.config import ImitationTraining
@@ -19,7 +19,7 @@ from litsim_research.imitation.network import perceptron
 from litsim_research.policies import checkpoint
 from litsim_research.policies.data import prepare
 from litsim_research.policies.ppo import Demonstrations
-from litsim_research.policies.warm_start import clone
+from litsim_research.policies.warm_start import WarmStart, clone
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
 
@@ -107,7 +107,7 @@ def test_drivers_are_imitated(file: Path, tmp_path: Path) -> None:
             return float(policy.log_probability(shown.observation, shown.action).mean())
 
     before = likelihood()
-    clone(policy, shown, config.warm_start.model_copy(update={"epochs": 60, "batch": 8}), 0, shown.surprise)
+    clone(policy, shown, WarmStart(epochs=60, batch=8), 0, shown.surprise)
     assert likelihood() > before + 1.0
 
 
@@ -145,11 +145,7 @@ def test_packaged_configurations_differ_in_the_augmentation_only() -> None:
     assert augmented.model_copy(update={"augmentation": 0.0}) == plain
 
 
-def test_what_a_configuration_must_be(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_what_a_configuration_must_be(tmp_path: Path, capsys: Any) -> None:
     (tmp_path / "wrong.yaml").write_text("iterations: 0\ndata: {}\n")
-    monkeypatch.setattr(
-        sys, "argv", ["train_imitation", "--config", str(tmp_path / "wrong.yaml"), "--out", str(tmp_path)]
-    )
-    with pytest.raises(SystemExit) as exit_:
-        train.main()
-    assert exit_.value.code == 2 and "field iterations" in capsys.readouterr().err
+    words = ("--config", tmp_path / "wrong.yaml", "--out", tmp_path)
+    assert "field iterations" in refusal(capsys, train.main, *words)

@@ -1,7 +1,6 @@
 """Training of SimNet: it learns, it goes on where it stopped, and its weights drive."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ import pytest
 import torch
 import yaml
 
+from command_line import refusal, status
 from litsim_research.baselines.simnet.network import load_network
 from litsim_research.imitation import simnet_train
 from litsim_research.imitation.simnet_train import SimnetConfig
@@ -77,46 +77,24 @@ def test_a_training_that_diverges_ends(file: Path, tmp_path: Path) -> None:
         simnet_train.run(config, tmp_path, progress=False)
 
 
-def test_the_program(
-    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_program(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     values = yaml.safe_load(file.read_text()) | {"batches": 2}
-    (tmp_path / "short.yaml").write_text(yaml.safe_dump(values))
-    words = ["train_simnet", "--config", str(tmp_path / "short.yaml"), "--out", str(tmp_path / "out")]
-    monkeypatch.setattr(sys, "argv", words)
-    simnet_train.main()
+    scenario, config = yaml.safe_load(Path(values["data"]["scenarios"][0]).read_text()), tmp_path / "short.yaml"
+    values["data"]["scenarios"] = [str(tmp_path / "scenario.yaml")]
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario))
+    config.write_text(yaml.safe_dump(values))
+    words = ("--config", config, "--out", tmp_path / "out")
+    assert status(simnet_train.main, *words) == 0
     said = capsys.readouterr().out
     assert said.startswith("best validation loss ") and str(tmp_path / "out" / "best.safetensors") in said
-    monkeypatch.setattr(sys, "argv", [*words, "--device", "abacus"])
-    with pytest.raises(SystemExit) as ended:
-        simnet_train.main()
-    assert ended.value.code == 2 and "--device abacus: " in capsys.readouterr().err
-    monkeypatch.setattr(sys, "argv", [*words, "--resume"])
-    values |= {"learning_rate": 0.5}
-    (tmp_path / "short.yaml").write_text(yaml.safe_dump(values))
-    with pytest.raises(SystemExit) as ended:
-        simnet_train.main()
-    assert ended.value.code == 2
-    assert "fields learning_rate of the configuration differ" in capsys.readouterr().err
-
-
-def test_a_training_is_not_resumed_on_other_data(
-    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    values = yaml.safe_load(file.read_text()) | {"batches": 1}
-    scenario = yaml.safe_load(Path(values["data"]["scenarios"][0]).read_text())
-    values["data"]["scenarios"] = [str(tmp_path / "scenario.yaml")]
-    (tmp_path / "short.yaml").write_text(yaml.safe_dump(values))
-    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario))
-    words = ["train_simnet", "--config", str(tmp_path / "short.yaml"), "--out", str(tmp_path / "out")]
-    monkeypatch.setattr(sys, "argv", words)
-    simnet_train.main()
+    assert "--device abacus: " in refusal(capsys, simnet_train.main, *words, "--device", "abacus")
+    config.write_text(yaml.safe_dump(values | {"learning_rate": 0.5}))
+    differs = "fields learning_rate of the configuration differ"
+    assert differs in refusal(capsys, simnet_train.main, *words, "--resume")
+    config.write_text(yaml.safe_dump(values))
     (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(scenario | {"seed": 3}))
-    monkeypatch.setattr(sys, "argv", [*words, "--resume"])
-    with pytest.raises(SystemExit) as ended:
-        simnet_train.main()
-    assert ended.value.code == 2
-    assert "trained on another scenario made: its field seed is 3, expected 0" in capsys.readouterr().err
+    differs = "trained on another field seed of training scenario 1, made: 3, expected 0"
+    assert differs in refusal(capsys, simnet_train.main, *words, "--resume")
 
 
 def test_configurations_that_are_wrong(tmp_path: Path) -> None:

@@ -16,12 +16,10 @@ from litsim_research.policies.rollout import (
     AT_FIRST,
     AT_ONCE,
     EMPTY_EPISODES_MAX,
-    Episode,
-    HereDriving,
-    begin,
-    begin_validation,
     collect,
+    drawn_episodes,
     drive,
+    driving_here,
     planned,
     validate,
 )
@@ -42,13 +40,8 @@ def policy(config: TrainConfig) -> GaussianPolicy:
 
 
 @pytest.fixture(scope="module")
-def busy(make_scenario, track, lane_centres) -> Course:
-    tracks = [
-        track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane + 1], speed=9.0 + lane, last=45)
-        for lane in range(3)
-        for k in range(3)
-    ]
-    return Course([make_scenario(*tracks)], SMALL)
+def busy(three_lanes) -> Course:
+    return Course([three_lanes(9.0)], SMALL)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +58,7 @@ def lonely(make_scenario, track) -> Course:
 
 
 def test_tracks_are_whole(busy, policy, config) -> None:
-    tracks, rates = collect(begin(HereDriving(busy), policy, config, []))
+    tracks, rates = collect(drawn_episodes(driving_here(busy, draws=True), policy, config, []))
     assert sum(len(track) for track in tracks) == rates["transitions"] >= config.transitions
     for track in tracks:
         assert len(track.observation) == len(track) + 1 and track.raw.shape == (len(track), 3)
@@ -84,7 +77,7 @@ def test_the_share_of_collided_episodes_counts_episodes(busy, policy, config, mo
 
     monkeypatch.setattr(episodes, "penalties", hit)
     longer = config.model_copy(update={"validation_episodes": 4})
-    rates = validate(begin_validation(HereDriving(busy), policy, longer), longer)
+    rates = validate(driving_here(busy, draws=False), policy, longer)
     assert rates["validation_collided_share"] == 0.5, "two agents in each of two of four episodes"
     assert rates["validation_collisions"] > 0.0
 
@@ -93,20 +86,12 @@ def test_where_nobody_is_driven_training_ends_and_says_so(lonely, policy, config
     assert drive(lonely, policy, [0], draws=False)[0].tracks == []
     said = f"no agent is driven in {EMPTY_EPISODES_MAX} episodes in a row, expected scenarios"
     with pytest.raises(InputError, match=said):
-        collect(begin(HereDriving(lonely), policy, config, []))
+        collect(drawn_episodes(driving_here(lonely, draws=True), policy, config, []))
 
 
 def test_a_validation_in_which_nobody_is_driven_is_no_perfect_score(lonely, policy, config) -> None:
     with pytest.raises(InputError, match="no agent is driven in the 2 episodes of validation"):
-        validate(begin_validation(HereDriving(lonely), policy, config), config)
-
-
-def assert_same(one: Episode, other: Episode) -> None:
-    assert one.sums == other.sums and len(one.tracks) == len(other.tracks)
-    for a, b in zip(one.tracks, other.tracks, strict=True):
-        for name in vars(a):
-            mine, theirs = getattr(a, name), getattr(b, name)
-            assert np.array_equal(mine, theirs), name
+        validate(driving_here(lonely, draws=False), policy, config)
 
 
 def test_an_episode_is_the_same_in_whatever_company(busy, shorter, policy) -> None:
@@ -119,8 +104,8 @@ def test_an_episode_is_the_same_in_whatever_company(busy, shorter, policy) -> No
     assert len({sum(len(t) for t in episode.tracks) for episode in together}) > 1, "they must differ"
     for seed, one, other in zip(seeds, together, backwards, strict=True):
         (alone,) = drive(both, policy, [seed], draws=True)
-        assert_same(one, alone)
-        assert_same(other, alone)
+        for same in (one, other):
+            np.testing.assert_equal(dataclasses.asdict(same), dataclasses.asdict(alone))
 
 
 def test_densities_are_those_that_training_takes_them_for(busy, policy) -> None:
@@ -142,11 +127,13 @@ def test_an_iteration_goes_on_until_it_has_its_agent_steps_and_takes_all_that_wa
     steps = [sum(len(t) for t in e.tracks) for e in drive(busy, policy, _seeds(config, 1, 8), draws=True)]
     asked = config.model_copy(update={"transitions": sum(steps[:2]) + 1})
     history = [{"transitions": 1e6, "episodes": 1.0}]
-    tracks, rates = collect(begin(HereDriving(busy), policy, asked, history))
+    tracks, rates = collect(drawn_episodes(driving_here(busy, draws=True), policy, asked, history))
     assert rates["episodes"] == 3 and rates["transitions"] == sum(steps[:3]) == sum(len(t) for t in tracks)
     more = config.model_copy(update={"transitions": 1})
     history = [{"transitions": 0.5, "episodes": 2.0}]
-    assert collect(begin(HereDriving(busy), policy, more, history))[1]["episodes"] == 2, "what is driven counts"
+    assert collect(drawn_episodes(driving_here(busy, draws=True), policy, more, history))[1]["episodes"] == 2, (
+        "what is driven counts"
+    )
 
 
 def _seeds(config: TrainConfig, iteration: int, count: int) -> list[int]:

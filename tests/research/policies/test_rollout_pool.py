@@ -2,6 +2,7 @@
 
 import multiprocessing
 from collections.abc import Iterator
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.data import TrainingData
 from litsim_research.policies.episodes import EnvironmentConfig
 from litsim_research.policies.network import GaussianPolicy
-from litsim_research.policies.rollout import BATCH_MAX, Driving, Episode, begin, begin_validation, collect, validate
+from litsim_research.policies.rollout import BATCH_MAX, Driving, Episode, collect, drawn_episodes, validate
 from litsim_research.policies.rollout_pool import rollouts, shared_out
 
 SMALL = EnvironmentConfig(steps_max=20, slots=4, sampled=3)
@@ -23,17 +24,8 @@ def config() -> TrainConfig:
 
 
 @pytest.fixture(scope="module")
-def data(make_scenario, track, lane_centres) -> TrainingData:
-    def scenario(speed: float):
-        return make_scenario(
-            *(
-                track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane + 1], speed=speed + lane, last=45)
-                for lane in range(3)
-                for k in range(3)
-            )
-        )
-
-    return TrainingData((scenario(9.0),), (scenario(7.0),))
+def data(three_lanes) -> TrainingData:
+    return TrainingData((three_lanes(9.0),), (three_lanes(7.0),))
 
 
 @pytest.fixture(scope="module")
@@ -49,31 +41,22 @@ def policies(config: TrainConfig) -> list[GaussianPolicy]:
     return [GaussianPolicy(config.observation) for _ in range(2)]
 
 
-def assert_same(one: Episode, other: Episode) -> None:
-    assert one.sums == other.sums and len(one.tracks) == len(other.tracks)
-    for a, b in zip(one.tracks, other.tracks, strict=True):
-        assert vars(a).keys() == vars(b).keys()
-        for name in vars(a):
-            mine, theirs = getattr(a, name), getattr(b, name)
-            assert np.array_equal(mine, theirs), name
-
-
 def test_what_several_processes_drive_is_what_one_drives(data, config, pool) -> None:
     def drawn(driving: Driving, policy: GaussianPolicy) -> list[Episode]:
-        return list(driving.episodes(policy, range(7, 12), draws=True))
+        return list(driving(policy, range(7, 12)))
 
     with rollouts(data, config, 1) as here:
         for policy in policies(config):
             alone, together = (drawn(driving, policy) for driving, _ in (here, pool))
             for one, other in zip(alone, together, strict=True):
                 assert one.tracks
-                assert_same(one, other)
+                np.testing.assert_equal(asdict(one), asdict(other))
             (tracks, rates), (same_tracks, same_rates) = (
-                collect(begin(driving, policy, config, [{"transitions": 90.0, "episodes": 1.0}]))
+                collect(drawn_episodes(driving, policy, config, [{"transitions": 90.0, "episodes": 1.0}]))
                 for driving, _ in (here, pool)
             )
             assert rates == same_rates and len(tracks) == len(same_tracks)
-            alone, together = (validate(begin_validation(v, policy, config), config) for _, v in (here, pool))
+            alone, together = (validate(v, policy, config) for _, v in (here, pool))
             assert alone == together
         first, second = (drawn(here[0], policy)[0] for policy in policies(config))
         assert not np.array_equal(first.tracks[0].raw, second.tracks[0].raw)
@@ -86,17 +69,6 @@ def test_groups_are_cut_where_one_process_would_be_busy_for_long() -> None:
     assert shared_out([range(BATCH_MAX + 1)], 1) == [range(BATCH_MAX), range(BATCH_MAX, BATCH_MAX + 1)], (
         "so many are not stepped together"
     )
-
-
-def test_processes_begin_before_they_are_asked_for_an_episode(config, pool, monkeypatch) -> None:
-    """So that the critic learns while they drive; this process begins when it is asked."""
-    begun: list[list[int]] = []
-    driving, _ = pool
-    submit = driving._pool.submit
-    monkeypatch.setattr(driving._pool, "submit", lambda *given: begun.append(given[-2]) or submit(*given))
-    episodes = driving.episodes(policies(config)[0], [1, 2, 3], draws=False)
-    assert sorted(seed for seeds in begun for seed in seeds) == [1, 2, 3]
-    assert len(list(episodes)) == 3
 
 
 def test_a_pool_that_is_not_needed_ends_without_a_word(data, config, capfd) -> None:

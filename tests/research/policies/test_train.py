@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import yaml
 from safetensors import safe_open
 
 import litsim_research
+from command_line import refusal
 from litsim_policy.driving.policy_network import shipped_weights
 from litsim_research.policies import train
 from litsim_research.policies.config import TrainConfig
@@ -115,13 +115,10 @@ def test_configurations_that_are_wrong(tmp_path: Path, text: str, said: str) -> 
         read_yaml(tmp_path / "missing.yaml", TrainConfig)
 
 
-def test_nothing_to_train_on(tmp_path: Path, monkeypatch, capsys) -> None:
-    path = tmp_path / "empty.yaml"
-    path.write_text("data: {}\n")
-    monkeypatch.setattr(sys, "argv", ["train", "--config", str(path), "--out", str(tmp_path / "out")])
-    with pytest.raises(SystemExit) as exit_:
-        train.main()
-    assert exit_.value.code == 2 and "no scenario to train on" in capsys.readouterr().err
+def test_nothing_to_train_on(tmp_path: Path, capsys) -> None:
+    (tmp_path / "empty.yaml").write_text("data: {}\n")
+    words = ("--config", tmp_path / "empty.yaml", "--out", tmp_path / "out")
+    assert "no scenario to train on" in refusal(capsys, train.main, *words)
 
 
 def test_training_scenarios_never_stand_in_for_missing_ones_to_validate_on(file: Path, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.critic import Critic
 from litsim_research.policies.network import GaussianPolicy
 from litsim_research.policies.ppo import tensor
+from litsim_research.predictors.checkpoint import CHECKPOINT
 
 
 @pytest.fixture(scope="module")
@@ -164,6 +165,6 @@ def test_iterations_are_not_each_others_repetitions(config, tmp_path: Path, monk
 def _mean(config: TrainConfig, out: Path, observation: np.ndarray) -> np.ndarray:
     """What the policy of the run in `out` would do before tanh."""
     policy = GaussianPolicy(config.observation)
-    policy.load_state_dict(torch.load(out / checkpoint.CHECKPOINT, weights_only=True)["policy"])
+    policy.load_state_dict(torch.load(out / CHECKPOINT, weights_only=True)["policy"])
     with torch.no_grad():
         return policy(tensor(observation))[0].numpy()

@@ -16,10 +16,10 @@ from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_research.imitation import network as imitation_network
 from litsim_research.imitation import simnet_network
 from litsim_research.policies import network
-from litsim_research.policies.checkpoint import CHECKPOINT, ResumableTraining, write_history
-from litsim_research.policies.data import DataConfig, TrainingData, prepare
+from litsim_research.policies.checkpoint import write_history
+from litsim_research.policies.data import DataConfig, described, prepare
 from litsim_research.policies.training_program import training_program
-from litsim_research.predictors.checkpoint import save_checkpoint
+from litsim_research.predictors.checkpoint import CHECKPOINT, ResumableTraining, save_checkpoint
 from litsim_research.predictors.training.curves import PANELS, plot_curves
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.recording import Recording
@@ -37,8 +37,8 @@ class Small(ResumableTraining):
 
     parts, more = ("part",), ("done",)
 
-    def __init__(self, data: TrainingData | None = None, **config: int) -> None:
-        super().__init__(data or TrainingData((), ()))
+    def __init__(self, data: dict[str, Any] | None = None, **config: int) -> None:
+        self.data = data or {}
         self.config, self.part, self.done = Config(**config), torch.nn.Linear(3, 3), 7
 
 
@@ -87,7 +87,7 @@ def test_a_checkpoint_of_another_program_or_version_is_refused(tmp_path: Path, c
     with pytest.raises(InputError, match=r"checkpoint\.pt: a checkpoint of another program or version: \w+Error: "):
         Small().read(tmp_path / CHECKPOINT)
     older = Small()
-    older.more = ()  # type: ignore[misc]
+    older.more = ()
     older.keep(tmp_path)
     with pytest.raises(InputError, match="another program or version: KeyError: 'done'"):
         Small().read(tmp_path / CHECKPOINT)
@@ -111,81 +111,64 @@ def test_what_a_checkpoint_must_be(tmp_path: Path) -> None:
 
 # Scenarios that have changed since the training began
 
-
-class Trained:
-    """A checkpoint of a training on two scenarios, whose files are in `folder`, and may be changed."""
-
-    def __init__(self, folder: Path, scenario: Any) -> None:
-        self.folder, self._checkpoint = folder, folder / CHECKPOINT
-        (folder / "data").mkdir()
-        given = yaml.safe_load(scenario.to_yaml())
-        for name in ("road", "other"):
-            shutil.copy(given["recording"], folder / "data" / f"{name}.parquet")
-            shutil.copy(given["net"], folder / "data" / f"{name}.net.xml")
-            files = {"name": name, "recording": f"{name}.parquet", "net": f"{name}.net.xml"}
-            self.write(given | files)
-        Small(self.data()).keep(folder)
-
-    def write(self, scenario: dict[str, Any], **changes: Any) -> None:
-        (self.folder / "data" / f"{scenario['name']}.yaml").write_text(yaml.safe_dump(scenario | changes))
-
-    def read(self) -> dict[str, Any]:
-        return yaml.safe_load((self.folder / "data" / "road.yaml").read_text())
-
-    def data(self, **more: tuple[str, ...]) -> TrainingData:
-        given = {"scenarios": ("road",), "validation": ("other",)} | more
-        files = {part: tuple(str(self.folder / f"data/{name}.yaml") for name in names) for part, names in given.items()}
-        return prepare(DataConfig(**files, real_weight=2), self.folder)
-
-    def resume(self, **more: tuple[str, ...]) -> None:
-        Small(self.data(**more)).read(self._checkpoint)
+CHANGED = [
+    (
+        "other.parquet",
+        r'recording of validation scenario 2, other: "[0-9a-f]{64}", expected "[0-9a-f]{64}"; restore it',
+    ),
+    ("road.net.xml", 'net of training scenario 1, road: "'),
+    ({"ego": 2}, "field ego of training scenario 1, road: 2, expected 1; restore"),
+    ({"name": "third"}, 'training scenario 1: "third", expected "road"; restore'),
+    ("third.yaml", 'training scenario 2: "third", expected none; restore'),
+    ({"description": "Two vehicles."}, None),
+    ("moved", None),
+]
 
 
-@pytest.fixture
-def trained(make_scenario: Any, track: Any, lane_centres: Any, tmp_path: Path) -> Trained:
-    return Trained(tmp_path, make_scenario(*(track(k, x=60.0 + 20.0 * k, y=lane_centres[1], last=45) for k in (1, 2))))
+@pytest.mark.parametrize(("change", "said"), CHANGED)
+def test_scenarios_that_are_no_longer_the_same_are_named(
+    change: str | dict[str, Any], said: str | None, make_scenario: Any, track: Any, lane_centres: Any, tmp_path: Path
+) -> None:
+    """They may be moved, and be described otherwise."""
+    scenario, folder = (
+        make_scenario(*(track(k, x=60.0 + 20.0 * k, y=lane_centres[1], last=45) for k in (1, 2))),
+        tmp_path / "data",
+    )
+    folder.mkdir()
+    given = yaml.safe_load(scenario.to_yaml())
+    for name in ("road", "third", "other"):
+        shutil.copy(given["recording"], folder / f"{name}.parquet")
+        shutil.copy(given["net"], folder / f"{name}.net.xml")
+        files = {"name": name, "recording": f"{name}.parquet", "net": f"{name}.net.xml"}
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(given | files))
 
+    def training(folder: Path, *names: str) -> Small:
+        of_parts = {"scenarios": names, "validation": ("other",)}
+        files = {part: tuple(str(folder / f"{name}.yaml") for name in names) for part, names in of_parts.items()}
+        return Small(described(prepare(DataConfig(**files, real_weight=2), tmp_path)))
 
-def test_a_recording_that_has_changed_is_named(trained: Trained) -> None:
-    path = trained.folder / "data/other.parquet"
-    recording = Recording.read(path)
-    table = recording.table.assign(speed=recording.table["speed"] + 0.01)
-    Recording.from_table(recording.header, table, "made").write(path)
-    with pytest.raises(
-        InputError,
-        match=r"checkpoint\.pt: trained on another recording of scenario other: \S+/data/other\.parquet has SHA-256 "
-        r"[0-9a-f]{64}, expected [0-9a-f]{64}; restore it, or train into another folder",
-    ):
-        trained.resume()
-
-
-def test_a_net_that_has_changed_is_named(trained: Trained) -> None:
-    with (trained.folder / "data/road.net.xml").open("a") as net:
-        net.write("<!-- another -->\n")
-    with pytest.raises(InputError, match=r"another net of scenario road: \S+/data/road\.net\.xml has SHA-256"):
-        trained.resume()
-
-
-def test_a_field_of_a_scenario_that_has_changed_is_named(trained: Trained) -> None:
-    trained.write(trained.read(), ego=2)
-    with pytest.raises(InputError, match=r"trained on another scenario road: its field ego is 2, expected 1; restore"):
-        trained.resume()
-
-
-def test_scenarios_that_are_others_are_named(trained: Trained) -> None:
-    trained.write(trained.read() | {"name": "third"})
-    with pytest.raises(InputError, match=r"another set of scenarios: third \(training\) added, none missing; restore"):
-        trained.resume(scenarios=("road", "third"))
-    with pytest.raises(InputError, match=r"scenarios: third \(training\) added, road \(training\) missing; restore"):
-        trained.resume(scenarios=("third",))
-
-
-def test_scenarios_that_have_moved_or_are_described_otherwise_are_the_same(trained: Trained, tmp_path: Path) -> None:
-    trained.write(trained.read(), description="Two vehicles.")
-    (tmp_path / "moved").mkdir()
-    shutil.move(tmp_path / "data", tmp_path / "moved")
-    trained.folder = tmp_path / "moved"
-    trained.resume()
+    training(folder, "road").keep(tmp_path)
+    names = ("road",)
+    if change == "moved":
+        folder = folder.rename(tmp_path / "moved")
+    elif change == "third.yaml":
+        names = ("road", "third")
+    elif isinstance(change, dict):
+        file = folder / "road.yaml"
+        file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | change))
+    elif change.endswith(".xml"):
+        with (folder / change).open("a") as net:
+            net.write("<!-- another -->\n")
+    else:
+        recording = Recording.read(folder / change)
+        table = recording.table.assign(speed=recording.table["speed"] + 0.01)
+        Recording.from_table(recording.header, table, "made").write(folder / change)
+    resumed = training(folder, *names)
+    if said is None:
+        resumed.read(tmp_path / CHECKPOINT)
+    else:
+        with pytest.raises(InputError, match=rf"checkpoint\.pt: trained on another {said}"):
+            resumed.read(tmp_path / CHECKPOINT)
 
 
 ENTRIES = [{"validation_score": 0.5}] * 50

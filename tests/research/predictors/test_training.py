@@ -13,8 +13,10 @@ import pytest
 import torch
 from torch.optim.swa_utils import AveragedModel
 
+from command_line import refusal, status
 from litsim_research.cli import score as evaluate
 from litsim_research.cli import train_predictor as train
+from litsim_research.predictors.checkpoint import CHECKPOINT
 from litsim_research.predictors.data.scenes import scene_batches
 from litsim_research.predictors.evaluation.evaluation import recording_tracks
 from litsim_research.predictors.models.registry import build
@@ -22,14 +24,7 @@ from litsim_research.predictors.models.weights import Provenance, load_model, sa
 from litsim_research.predictors.training import data as training_data
 from litsim_research.predictors.training.config import TrainingConfig
 from litsim_research.predictors.training.data import Locator, load_parts
-from litsim_research.predictors.training.training import (
-    CHECKPOINT,
-    CURVES,
-    HISTORY_FILE,
-    VALIDATION_STRIDE,
-    WEIGHTS,
-    Training,
-)
+from litsim_research.predictors.training.training import CURVES, HISTORY_FILE, VALIDATION_STRIDE, WEIGHTS, Training
 from litsim_sim.core.errors import EXIT_INTERRUPTED, InputError
 from litsim_sim.core.scene import Kind
 from litsim_sim.io.yaml_input import read_yaml
@@ -69,8 +64,12 @@ def config(tmp_path: Path, trained: Path) -> Path:
     return tmp_path / "small.yaml"
 
 
+def words(config: Path, out: Path, *options: str) -> tuple[str, ...]:
+    return ("--config", str(config), "--out", str(out), "--threads", "1", "--device", "cpu", *options)
+
+
 def run(config: Path, out: Path, *options: str) -> None:
-    train.main(["--config", str(config), "--out", str(out), "--threads", "1", "--device", "cpu", *options])
+    assert status(train.main, *words(config, out, *options)) == 0
 
 
 def same(first: Path, second: Path) -> bool:
@@ -103,8 +102,8 @@ def test_the_net_of_a_recording_may_lie_beside_it(config: Path, tmp_path: Path) 
 
 def test_what_validates_a_training_is_what_evaluate_measures(trained: Path) -> None:
     file = str(trained / "a" / WEIGHTS)
-    words = ["--validation", str(trained / "small.yaml"), "--stride", str(VALIDATION_STRIDE), "--models", file]
-    measured = evaluate.evaluate(evaluate.parser().parse_args(words))[file]
+    asked = ["--validation", str(trained / "small.yaml"), "--stride", str(VALIDATION_STRIDE), "--models", file]
+    measured = evaluate.evaluate(evaluate.parser().parse_args(asked))[file]
     recorded = load_model(file)[1].figures
     assert measured["rmse"] == pytest.approx({s: recorded[f"val_rmse_{s}"] for s in measured["rmse"]}, rel=1e-4)
     assert measured["protocol"]["split"] == "val"
@@ -118,9 +117,7 @@ def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(config: Pat
     whole = torch.load(whole_run / CHECKPOINT, weights_only=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("litsim_research.predictors.training.training.Training._learning_rate", interrupt_at(1))
-        with pytest.raises(SystemExit) as stopped:
-            run(config, cut)
-        assert stopped.value.code == EXIT_INTERRUPTED
+        assert status(train.main, *words(config, cut)) == EXIT_INTERRUPTED
     assert len(json.loads((cut / HISTORY_FILE).read_text())["epochs"]) == 1
     run(config, cut, "--resume")
     resumed = torch.load(cut / CHECKPOINT, weights_only=True)
@@ -213,9 +210,8 @@ def test_a_training_begins_with_other_weights_of_the_same_model(
         torch.testing.assert_close(value, begun[name], atol=1e-9, rtol=0.0)
     assert set(made.manifest["files"]) == {"made.parquet", "a/weights.safetensors"}
     config.write_text(further.replace("hidden: 16", "hidden: 8"))
-    with pytest.raises(SystemExit):
-        run(config, tmp_path / "third")
-    assert "a/weights.safetensors: weights of model joint" in capsys.readouterr().err
+    said = refusal(capsys, train.main, *words(config, tmp_path / "third"))
+    assert "a/weights.safetensors: weights of model joint" in said
 
 
 def test_a_training_with_teachers_learns_from_the_mean_of_their_forecasts(config: Path, tmp_path: Path) -> None:
@@ -243,7 +239,7 @@ def test_a_training_with_teachers_learns_from_the_mean_of_their_forecasts(config
 def test_the_learning_rate_falls_in_steps_or_along_a_cosine(every: int, rates: list[float]) -> None:
     training = Training.__new__(Training)
     config = {"model": "joint", "learning_rate": 0.01, "divided_every": every, "epochs": 5}
-    training._config = TrainingConfig.model_validate(config)
+    training.config = TrainingConfig.model_validate(config)
     assert [training._learning_rate(epoch) for epoch in range(len(rates))] == pytest.approx(rates, rel=0.01)
 
 
@@ -300,10 +296,7 @@ def test_bad_configurations_are_named(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, named: str
 ) -> None:
     config.write_text(text)
-    with pytest.raises(SystemExit) as stopped:
-        run(config, tmp_path / "out")
-    assert stopped.value.code == 2
-    assert named in capsys.readouterr().err
+    assert named in refusal(capsys, train.main, *words(config, tmp_path / "out"))
 
 
 @pytest.mark.parametrize(
@@ -318,30 +311,17 @@ def test_bad_configurations_are_named(
 def test_wrong_options_are_named(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, named: str
 ) -> None:
-    with pytest.raises(SystemExit) as stopped:
-        run(config, tmp_path / "out", option, value)
-    assert stopped.value.code == 2
-    assert named in capsys.readouterr().err
+    assert named in refusal(capsys, train.main, *words(config, tmp_path / "out", option, value))
 
 
 def test_a_training_is_not_overwritten_and_another_one_not_resumed(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for options, named in (((), "--resume continues it"), (("--resume", "--seed", "5"), "another configuration")):
-        with pytest.raises(SystemExit):
-            run(config, tmp_path / "a", *options)
-        assert named in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("content", [b"garbage", b"PK\x03\x04"])
-def test_a_damaged_checkpoint_is_named(
-    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes
-) -> None:
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / CHECKPOINT).write_bytes(content)
-    with pytest.raises(SystemExit):
-        run(config, tmp_path / "out", "--resume")
-    assert f"{CHECKPOINT}: not a readable checkpoint: " in capsys.readouterr().err
+    for options, named in (
+        ((), "--resume continues it"),
+        (("--resume", "--seed", "5"), "fields seed of the configuration differ"),
+    ):
+        assert named in refusal(capsys, train.main, *words(config, tmp_path / "a", *options))
 
 
 def test_a_training_is_not_resumed_on_other_data(
@@ -351,9 +331,8 @@ def test_a_training_is_not_resumed_on_other_data(
     Recording.from_table(RecordingHeader("made"), table[table["vehicle_id"] != 3], "made").write(
         tmp_path / "made.parquet"
     )
-    with pytest.raises(SystemExit):
-        run(config, tmp_path / "a", "--resume")
-    assert f"{CHECKPOINT}: trained on another made.parquet; train" in capsys.readouterr().err
+    said = refusal(capsys, train.main, *words(config, tmp_path / "a", "--resume"))
+    assert f"{CHECKPOINT}: trained on another made.parquet: " in said
 
 
 @pytest.mark.parametrize("name", sorted(train.packaged_configs()))
@@ -365,49 +344,25 @@ def test_packaged_configurations_are_whole(name: str) -> None:
 PARAMETERS = {"map_width": 8, "map_channels": 4, "history_width": 8, "state_width": 8, "heads": 4, "hidden": 16}
 
 
-class TestWeights:
-    def provenance(self, **changes: object) -> Provenance:
-        values = {"model": "joint", "parameters": PARAMETERS, "command": "", "training": {}, "manifest": {}}
-        return Provenance(**{**values, "figures": {}, **changes})  # type: ignore[arg-type]
+def test_weights_come_back_as_they_were_and_those_of_another_model_are_named(tmp_path: Path) -> None:
+    def saved(parameters: dict[str, int]) -> Provenance:
+        made = Provenance("joint", parameters, command="", training={}, manifest={}, figures={})
+        save_model(model, made, tmp_path / "w.safetensors")
+        return made
 
-    def test_come_back_as_they_were(self, tmp_path: Path) -> None:
-        model = build("joint", PARAMETERS, "test")
-        save_model(model, self.provenance(), tmp_path / "w.safetensors")
-        again, made = load_model(str(tmp_path / "w.safetensors"))
-        assert made == self.provenance()
-        assert all(
-            torch.equal(a, b) for a, b in zip(model.state_dict().values(), again.state_dict().values(), strict=True)
-        )
-
-    @pytest.mark.parametrize(
-        ("damage", "named"),
-        [
-            (lambda data: data[: len(data) // 2], "damaged weights"),
-            (lambda data: b"\x00" * 100, "damaged weights"),
-            (lambda data: data.replace(b"litsim_predictor/1", b"litsim_predictor/7"), "metadata format"),
-        ],
-    )
-    def test_damaged_files_are_named(self, tmp_path: Path, damage: Callable[[bytes], bytes], named: str) -> None:
-        path = tmp_path / "w.safetensors"
-        save_model(build("joint", PARAMETERS, "test"), self.provenance(), path)
-        path.write_bytes(damage(path.read_bytes()))
-        with pytest.raises(InputError, match=rf"w\.safetensors: {named}"):
-            load_model(str(path))
-
-    def test_weights_of_another_shape_or_not_finite_are_named(self, tmp_path: Path) -> None:
-        path = tmp_path / "w.safetensors"
-        model = build("joint", PARAMETERS, "test")
-        save_model(model, self.provenance(parameters={**PARAMETERS, "hidden": 32}), path)
-        with pytest.raises(InputError, match="have shape"):
-            load_model(str(path))
-        save_model(model, self.provenance(parameters={**PARAMETERS, "layers": 1}), path)
-        with pytest.raises(InputError, match="of no layer"):
-            load_model(str(path))
-        torch.nn.init.constant_(next(model.parameters()), float("nan"))
-        save_model(model, self.provenance(), path)
-        with pytest.raises(InputError, match="not finite"):
-            load_model(str(path))
-
-    def test_missing_ones_are_named(self) -> None:
-        with pytest.raises(InputError, match="no such weights; shipped are default, paper"):
-            load_model("gone.safetensors")
+    model = build("joint", PARAMETERS, "test")
+    made = saved(PARAMETERS)
+    again, told = load_model(str(tmp_path / "w.safetensors"))
+    assert told == made
+    ours, theirs = model.state_dict(), again.state_dict()
+    assert ours.keys() == theirs.keys() and all(torch.equal(ours[name], theirs[name]) for name in ours)
+    for other, said in (({"hidden": 32}, "have shape"), ({"layers": 1}, "of no layer")):
+        saved(PARAMETERS | other)
+        with pytest.raises(InputError, match=said):
+            load_model(str(tmp_path / "w.safetensors"))
+    data = (tmp_path / "w.safetensors").read_bytes()
+    (tmp_path / "w.safetensors").write_bytes(data.replace(b"litsim_predictor/1", b"litsim_predictor/7"))
+    with pytest.raises(InputError, match=r"w\.safetensors: metadata format"):
+        load_model(str(tmp_path / "w.safetensors"))
+    with pytest.raises(InputError, match="no such weights; shipped are default, paper"):
+        load_model("gone.safetensors")

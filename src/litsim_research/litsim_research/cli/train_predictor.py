@@ -49,10 +49,11 @@ def main(argv: list[str] | None = None) -> int:
 
     import torch
 
+    from litsim_research.predictors.checkpoint import CHECKPOINT
     from litsim_research.predictors.device import check_device
     from litsim_research.predictors.training.config import TrainingConfig
     from litsim_research.predictors.training.data import Locator
-    from litsim_research.predictors.training.training import CHECKPOINT, CURVES, WEIGHTS, Training
+    from litsim_research.predictors.training.training import CURVES, WEIGHTS, Training
 
     file = packaged_configs().get(arguments.config, Path(arguments.config))
     chosen = {name: getattr(arguments, name) for name in ("fraction", "epochs", "seed")}
@@ -74,7 +75,7 @@ def main(argv: list[str] | None = None) -> int:
     )
     training = Training(config, folder, Locator(file.parent), command, device, arguments.workers)
     if arguments.resume:
-        training.resume()
+        training.read(folder / CHECKPOINT)
     training.run()
     if not training.history:
         return EXIT_INTERRUPTED

@@ -10,12 +10,14 @@ from litsim_research.policies.data import DataConfig
 from litsim_research.policies.expert import PairsConfig
 from litsim_research.policies.ppo import PpoConfig
 from litsim_research.policies.warm_start import WarmStart
+from litsim_sim.core.quantities import NonNegative, Whole, configuration
 
 
+@configuration
 class ShorterWarmStart(WarmStart):
     """Behaviour cloning by maximum likelihood, which needs fewer epochs."""
 
-    epochs: int = Field(15, ge=0)
+    epochs: NonNegative[Whole] = 15
 
 
 class ImitationTraining(BaseModel):
@@ -55,7 +57,7 @@ class ImitationTraining(BaseModel):
     error_weight: float = Field(0.05, ge=0)
     data: DataConfig
     drivers: PairsConfig = PairsConfig()
-    warm_start: ShorterWarmStart = ShorterWarmStart()  # type: ignore[call-arg]
+    warm_start: ShorterWarmStart = ShorterWarmStart()
     critic: WassersteinConfig = WassersteinConfig()
     ppo: PpoConfig = PpoConfig(
         learning_rate=1e-4, batch=1000, discount=0.95, imitation_weight=0.0, target_kl=0.015, value_first=5

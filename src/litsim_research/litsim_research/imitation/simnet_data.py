@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_research.baselines.simnet.output import FUTURE, OUTPUTS
 from litsim_research.baselines.simnet.raster import CHANNELS, FRAMES, SMALL, Motions, Painter, Rasters
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import to_body, wrap_angle
+from litsim_sim.core.quantities import Angle, Duration, Length, NonNegative, Positive, Share, Speed, configuration
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.scenario.scenario import Scenario
 
@@ -22,7 +22,8 @@ RASTERS_MAX = 4 * 2**30  # [B] of a batch, or of a validation
 UNIT_MIN = 1e-3  # [m], [rad] least unit, for traffic in which no agent accelerates or turns
 
 
-class PerturbationConfig(BaseModel):
+@configuration
+class PerturbationConfig:
     """Displacement of some agents, with futures that lead back, from which the network learns to correct its errors.
 
     Attributes:
@@ -36,16 +37,14 @@ class PerturbationConfig(BaseModel):
         speed_min: [m/s].
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    share: float = Field(0.5, ge=0, le=1)
-    offset: float = Field(0.4, ge=0)
-    turn: float = Field(0.03, ge=0)
-    ahead: float = Field(1.5, ge=0)
-    speed: float = Field(1.0, ge=0)
-    back_s: float = Field(0.8, gt=0)
-    along_back_s: float = Field(2.0, gt=0)
-    speed_min: float = Field(3.0, gt=0)
+    share: Share = 0.5
+    offset: NonNegative[Length] = 0.4
+    turn: NonNegative[Angle] = 0.03
+    ahead: NonNegative[Length] = 1.5
+    speed: NonNegative[Speed] = 1.0
+    back_s: Positive[Duration] = 0.8
+    along_back_s: Positive[Duration] = 2.0
+    speed_min: Positive[Speed] = 3.0
 
 
 @dataclass(frozen=True)

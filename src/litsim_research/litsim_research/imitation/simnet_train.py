@@ -25,11 +25,12 @@ from tqdm import tqdm
 from litsim_research.baselines.simnet.output import FUTURE
 from litsim_research.imitation.simnet_data import Moments, PerturbationConfig, Samples
 from litsim_research.imitation.simnet_network import SimNet, save
-from litsim_research.policies.checkpoint import CHECKPOINT, CURVES, HISTORY, ResumableTraining, write_history
-from litsim_research.policies.data import DataConfig, TrainingData, prepare
+from litsim_research.policies.checkpoint import CURVES, HISTORY, write_history
+from litsim_research.policies.data import DataConfig, TrainingData, described, prepare
 from litsim_research.policies.plots import SIMNET_PANELS
 from litsim_research.policies.ppo import refuse_divergence
 from litsim_research.policies.training_program import training_parser, training_program
+from litsim_research.predictors.checkpoint import CHECKPOINT, ResumableTraining
 from litsim_research.predictors.device import check_device
 from litsim_research.predictors.training.curves import plot_curves
 from litsim_sim.cli.program import program
@@ -65,7 +66,7 @@ class SimnetConfig(BaseModel):
     validate_every: int = Field(500, gt=0)
     validation_moments: int = Field(128, gt=0)
     data: DataConfig
-    perturbation: PerturbationConfig = PerturbationConfig()  # type: ignore[call-arg]
+    perturbation: PerturbationConfig = PerturbationConfig()
 
 
 class SimnetTraining(ResumableTraining):
@@ -80,7 +81,7 @@ class SimnetTraining(ResumableTraining):
     parts, more, length = ("network", "optimiser"), ("history", "done"), "batches"
 
     def __init__(self, config: SimnetConfig, data: TrainingData, device: str = "cpu") -> None:
-        super().__init__(data)
+        self.data, self.history = described(data), []
         torch.manual_seed(config.seed)
         self.config, self.network, self.device = config, SimNet().to(device), device
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]

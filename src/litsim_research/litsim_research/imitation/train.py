@@ -29,12 +29,13 @@ from litsim_research.imitation.critic import update_wasserstein
 from litsim_research.imitation.expert import traffic_pairs
 from litsim_research.imitation.network import TrafficPolicy, perceptron, save
 from litsim_research.imitation.rollout import collect, validate
-from litsim_research.policies.checkpoint import BEST, CHECKPOINT, CURVES, AdversarialTraining
+from litsim_research.policies.checkpoint import BEST, CURVES, AdversarialTraining
 from litsim_research.policies.data import TrainingData, prepare
 from litsim_research.policies.plots import IMITATION_PANELS
 from litsim_research.policies.ppo import Demonstrations, Track, tensor
 from litsim_research.policies.training_program import training_parser, training_program
 from litsim_research.policies.warm_start import clone
+from litsim_research.predictors.checkpoint import CHECKPOINT
 from litsim_sim.cli.program import program
 from litsim_sim.io.yaml_input import read_yaml
 
@@ -107,17 +108,9 @@ def _note(training: Imitation, data: TrainingData, out: Path, figures: dict[str,
     The warm start is validated for comparison, and never kept as the best, since no critic has influenced it.
     """
     before = len(training.history)
-    due = last or before % training.config.validate_every == 0
-    if due:
+    if last or before % training.config.validate_every == 0:
         figures = figures | validate(data.validation, training.policy, training.config)
-    training.history.append(figures)
-    taught = last or before > training.config.ppo.value_first
-    if due and taught and figures["validation_score"] > training.best:
-        training.best = figures["validation_score"]
-        training.save(out / BEST)
-    training.keep(out)
-    if due:
-        training.write(out)
+    training.note(figures, out, may_be_best=last or before > training.config.ppo.value_first)
 
 
 def _iterate(training: Imitation, data: TrainingData, recorded: Demonstrations, iteration: int) -> dict[str, float]:

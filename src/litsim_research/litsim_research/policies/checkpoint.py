@@ -6,82 +6,23 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import torch
 
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.critic import Critic
-from litsim_research.policies.data import DataState, TrainingData
+from litsim_research.policies.data import TrainingData, described
 from litsim_research.policies.network import GaussianPolicy, StochasticPolicy, multilayer, save
 from litsim_research.policies.plots import PANELS
 from litsim_research.policies.ppo import Demonstrations, Track, make_batch, update_policy
-from litsim_research.predictors.checkpoint import checkpoint, save_checkpoint
+from litsim_research.predictors.checkpoint import ResumableTraining
 from litsim_research.predictors.training.curves import Lines, plot_curves
-from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import write_text
 
-CHECKPOINT, HISTORY, CURVES, LAST, BEST = (
-    "checkpoint.pt",
-    "history.json",
-    "curves.png",
-    "last.safetensors",
-    "best.safetensors",
-)
-
-
-class ResumableTraining:
-    """A training whose state can be written between two iterations, and restored.
-
-    Attributes:
-        config: of the training.
-        history: measured values by name, one entry per iteration or validation.
-        parts, more: names of the attributes that a checkpoint holds: networks and optimisers, and all others.
-        length: field of the configuration that may be another one when the training is resumed.
-        device: of torch.
-    """
-
-    config: Any
-    history: list[dict[str, float]]
-    parts: ClassVar[tuple[str, ...]]
-    more: ClassVar[tuple[str, ...]]
-    length: ClassVar[str] = "iterations"
-    device = "cpu"
-
-    def __init__(self, data: TrainingData) -> None:
-        self._data, self.history = DataState.of(data), []
-
-    def keep(self, out: Path) -> None:
-        """Write a checkpoint to the folder `out`, with the configuration and what the scenarios are.
-
-        Raises:
-            Unwritable: the file cannot be written; the previous checkpoint is kept.
-        """
-        state = {name: getattr(self, name).state_dict() for name in self.parts}
-        state |= {name: getattr(self, name) for name in self.more}
-        described = {"config": json.dumps(self.config.model_dump(mode="json")), "data": self._data.to_json()}
-        save_checkpoint(out / CHECKPOINT, state | described)
-
-    def read(self, path: Path) -> None:
-        """Restore the state from the checkpoint `path`.
-
-        Raises:
-            InputError: there is none, or it is of a run with another configuration, of which only the field
-                :attr:`length` may differ, or with other scenarios.
-        """
-        with checkpoint(path, self.device) as state:
-            then, now = json.loads(state["config"]), self.config.model_dump(mode="json")
-            changed = [key for key in now if key != self.length and then.get(key) != now[key]]
-            if changed:
-                differ = f"fields {', '.join(changed)} of the configuration differ from the checkpoint's"
-                raise InputError(f"{path}: {differ}")
-            self._data.refuse_other(state["data"], path)
-            for name in self.parts:
-                getattr(self, name).load_state_dict(state[name])
-            for name in self.more:
-                setattr(self, name, state[name])
+HISTORY, CURVES, LAST, BEST = "history.json", "curves.png", "last.safetensors", "best.safetensors"
 
 
 class AdversarialTraining(ResumableTraining):
@@ -103,8 +44,11 @@ class AdversarialTraining(ResumableTraining):
     critic_optimiser: torch.optim.Optimizer
     best = -np.inf
     parts = ("policy", "value", "critic", "policy_optimiser", "critic_optimiser")
-    more: ClassVar[tuple[str, ...]] = ("history", "best")
+    more: tuple[str, ...] = ("history", "best")
     panels: ClassVar[Mapping[str, Lines]] = PANELS
+
+    def __init__(self, data: TrainingData) -> None:
+        self.data, self.history = described(data), []
 
     @property
     def iterations(self) -> int:
@@ -140,20 +84,30 @@ class AdversarialTraining(ResumableTraining):
             self.policy, self.value, self.policy_optimiser, batch, ppo, generator, shown, value_only=value_only
         )
 
-    def write(self, out: Path) -> None:
-        """Write the history, its curves and the weights of the last iteration to the folder `out`.
+    def note(self, figures: dict[str, float], out: Path, *, may_be_best: bool = True) -> None:
+        """Add `figures` of an iteration to the history, and write a checkpoint to the folder `out`.
+
+        If they are validated, also write the history, its curves and the weights, and if their `validation_score` is
+        the highest so far and `may_be_best`, the weights as the best ones.
 
         Raises:
             Unwritable: a file cannot be written; what was there is kept.
         """
-        write_history(self.history, out / HISTORY)
-        self.save(out / LAST)
-        plot_curves(self.history, out / CURVES, self.panels)
+        self.history.append(figures)
+        score = figures.get("validation_score")
+        if score is not None and may_be_best and score > self.best:
+            self.best = score
+            self.save(out / BEST)
+        self.keep(out)
+        if score is not None:
+            write_history(self.history, out / HISTORY)
+            self.save(out / LAST)
+            plot_curves(self.history, out / CURVES, self.panels)
 
     @property
     def about(self) -> dict[str, str]:
         """Metadata of the weights: seed, number of iterations, configuration, and SHA-256 of what the scenarios are."""
-        config, data = self.config.model_dump_json(), hashlib.sha256(self._data.to_json().encode()).hexdigest()
+        config, data = self.config.model_dump_json(), hashlib.sha256(json.dumps(self.data).encode()).hexdigest()
         return {"seed": str(self.config.seed), "iterations": str(self.iterations), "config": config, "data": data}
 
 

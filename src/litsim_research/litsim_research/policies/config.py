@@ -45,6 +45,6 @@ class TrainConfig(BaseModel):
     penalty: PenaltyConfig = PenaltyConfig()
     task: TaskConfig = TaskConfig()
     expert: ExpertConfig = ExpertConfig()
-    warm_start: WarmStart = WarmStart()  # type: ignore[call-arg]
+    warm_start: WarmStart = WarmStart()
     critic: CriticConfig = CriticConfig()
     ppo: PpoConfig = PpoConfig()

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
-import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -208,62 +206,24 @@ def _real(window: RealWindow, folder: Path) -> Scenario:
 
 FILES = ("recording", "net")
 MOTION = ("vehicle_id", "frame", "x", "y", "yaw", "speed")
-SHOWN = 60  # most characters of a field's value in an error
 
 
-@dataclass(frozen=True)
-class DataState:
-    """The scenarios of a training, each once, in the order of the configuration, as they are when it begins.
+def described(data: TrainingData) -> dict[str, Any]:
+    """Returns what the scenarios of `data` are, each once, in the order of the configuration.
 
-    Attributes:
-        scenarios: the scenarios.
-        described: for each its part, training or validation, its name and fields, and the SHA-256 of its recording and
-            net. Paths are left out, so that files may be moved, and so is the description.
+    These are, of each, its name and fields, and the SHA-256 of its recording and net. Paths are left out, so that files
+    may be moved, and so is the description.
     """
-
-    scenarios: tuple[Scenario, ...] = ()
-    described: tuple[dict[str, Any], ...] = ()
-
-    @classmethod
-    def of(cls, data: TrainingData) -> DataState:
-        """The state of `data`."""
-        once = {id(scenario): ("training", scenario) for scenario in data.train}
-        once |= {id(scenario): ("validation", scenario) for scenario in data.validation}
-        scenarios = tuple(scenario for _, scenario in once.values())
-        return cls(scenarios, tuple(_described(part, scenario) for part, scenario in once.values()))
-
-    def to_json(self) -> str:
-        """The description, for a checkpoint."""
-        return json.dumps(self.described)
-
-    def refuse_other(self, then: str, where: Path) -> None:
-        """Check that a training, begun with the state `then` of :meth:`to_json`, would go on with the same scenarios.
-
-        Raises:
-            InputError: a file or field of a scenario has changed, or there are other scenarios.
-        """
-        before, now = json.loads(then), json.loads(self.to_json())
-        expected, actual = ([f"{entry['name']} ({entry['part']})" for entry in state] for state in (before, now))
-        if expected != actual:
-            added = ", ".join(name for name in actual if name not in expected) or "none"
-            missing = ", ".join(name for name in expected if name not in actual) or "none"
-            raise _other(where, f"set of scenarios: {added} added, {missing} missing")
-        for scenario, old, new in zip(self.scenarios, before, now, strict=True):
-            for name in FILES:
-                if new[name] != old[name]:
-                    file = getattr(scenario.file, name)
-                    digests = f"{file} has SHA-256 {new[name]}, expected {old[name]}"
-                    raise _other(where, f"{name} of scenario {scenario.name}: {digests}")
-            for name, value in new["fields"].items():
-                if value != old["fields"].get(name):
-                    values = f"{_shown(value)}, expected {_shown(old['fields'].get(name))}"
-                    raise _other(where, f"scenario {scenario.name}: its field {name} is {values}")
-
-
-def _described(part: str, scenario: Scenario) -> dict[str, Any]:
-    fields = scenario.file.model_dump(mode="json", exclude={*FILES, "description"})
-    digests = {name: _digest(scenario, Path(getattr(scenario.file, name))) for name in FILES}
-    return {"part": part, "name": scenario.name, "fields": fields, **digests}
+    parts = {"training": data.train, "validation": data.validation}
+    once = {id(scenario): (part, scenario) for part, scenarios in parts.items() for scenario in scenarios}
+    state: dict[str, Any] = {}
+    for number, (part, scenario) in enumerate(once.values(), 1):
+        fields = scenario.file.model_dump(mode="json", exclude={*FILES, "description", "name"})
+        values = {name: _digest(scenario, Path(getattr(scenario.file, name))) for name in FILES}
+        values |= {f"field {name}": value for name, value in fields.items()}
+        state[f"{part} scenario {number}"] = scenario.name
+        state |= {f"{name} of {part} scenario {number}, {scenario.name}": value for name, value in values.items()}
+    return state
 
 
 def _digest(scenario: Scenario, file: Path) -> str:
@@ -272,11 +232,3 @@ def _digest(scenario: Scenario, file: Path) -> str:
         return digest_of(file)
     columns = scenario.recording.columns
     return hashlib.sha256(b"".join(columns[name].tobytes() for name in MOTION)).hexdigest()
-
-
-def _other(where: Path, what: str) -> InputError:
-    return InputError(f"{where}: trained on another {what}; restore it, or train into another folder")
-
-
-def _shown(value: Any) -> str:
-    return textwrap.shorten(json.dumps(value), SHOWN, placeholder=" …")

@@ -6,7 +6,6 @@ from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count, islice
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -46,70 +45,37 @@ class Episode:
     sums: Mapping[str, float]
 
 
-class Driving(Protocol):
-    """Drives episodes, in this process or in others, with the same results."""
-
-    def episodes(self, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> Iterator[Episode]:
-        """Yield the episodes of `seeds`, in this order.
-
-        A pool of processes starts at once; driving in this process starts when the first episode is asked for.
-
-        Args:
-            policy: drives every agent in a slot; must not change before the last episode has been yielded.
-            seeds: one per episode, at least one.
-            draws: whether actions are drawn; otherwise they are the policy's means.
-        """
+Driving = Callable[[GaussianPolicy, Sequence[int]], Iterator[Episode]]
+"""Yields the episodes of seeds, at least one, in this order, driven by a policy in this process or in others, with the
+same results. The policy must not change before the last episode has been yielded."""
 
 
-class HereDriving:
-    """Drives in this process."""
+def driving_here(course: Course, *, draws: bool) -> Driving:
+    """Returns what drives episodes of `course` in this process; see :func:`drive`."""
 
-    def __init__(self, course: Course) -> None:
-        self._course = course
-
-    def episodes(self, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> Iterator[Episode]:
-        """See :class:`Driving`."""
+    def episodes(policy: GaussianPolicy, seeds: Sequence[int]) -> Iterator[Episode]:
         for first in range(0, len(seeds), BATCH_MAX):
-            yield from drive(self._course, policy, seeds[first : first + BATCH_MAX], draws=draws)
+            yield from drive(course, policy, seeds[first : first + BATCH_MAX], draws=draws)
+
+    return episodes
 
 
-def begin(
+def drawn_episodes(
     driving: Driving, policy: GaussianPolicy, config: TrainConfig, history: Sequence[Mapping[str, float]]
 ) -> Iterator[Episode]:
-    """Begin to drive an iteration's episodes, until they have `config.transitions` agent-steps; see :func:`collect`.
+    """Yield an iteration's episodes, until they have `config.transitions` agent-steps; see :func:`collect`.
 
     The policy must not change before the last episode has been yielded. The number of episodes needed is estimated from
     `history`, the entries of earlier iterations.
-    """
-    sequences = (np.random.SeedSequence([config.seed, len(history), episode]) for episode in count())
-    seeds = (int(sequence.generate_state(1)[0]) for sequence in sequences)
-
-    def portion(missing: float) -> Iterator[Episode]:
-        return driving.episodes(policy, list(islice(seeds, planned(history, missing))), draws=True)
-
-    return _until_enough(portion(config.transitions), portion, config)
-
-
-def planned(history: Sequence[Mapping[str, float]], missing: float) -> int:
-    """Number of episodes to drive next for `missing` agent-steps, by the mean yield of earlier iterations."""
-    done = sum(entry["episodes"] for entry in history)
-    if not done:
-        return AT_FIRST
-    mean = max(sum(entry["transitions"] for entry in history) / done, 1.0)
-    return min(int(np.ceil(MARGIN * missing / mean)), AT_ONCE)
-
-
-def _until_enough(
-    episodes: Iterator[Episode], further: Callable[[float], Iterator[Episode]], config: TrainConfig
-) -> Iterator[Episode]:
-    """Yield all of `episodes`, then `further` ones as long as agent-steps are missing.
 
     Raises:
         InputError: no agent is driven in EMPTY_EPISODES_MAX episodes in a row.
     """
+    sequences = (np.random.SeedSequence([config.seed, len(history), episode]) for episode in count())
+    seeds = (int(sequence.generate_state(1)[0]) for sequence in sequences)
     missing, empty = float(config.transitions), 0
-    while True:
-        for episode in episodes:
+    while missing > 0.0:
+        for episode in driving(policy, list(islice(seeds, planned(history, missing)))):
             missing -= episode.sums.get("transitions", 0.0)
             empty = 0 if episode.tracks else empty + 1
             if empty == EMPTY_EPISODES_MAX:
@@ -119,9 +85,15 @@ def _until_enough(
                     "conflict with it"
                 )
             yield episode
-        if missing <= 0.0:
-            return
-        episodes = further(missing)
+
+
+def planned(history: Sequence[Mapping[str, float]], missing: float) -> int:
+    """Number of episodes to drive next for `missing` agent-steps, by the mean yield of earlier iterations."""
+    done = sum(entry["episodes"] for entry in history)
+    if not done:
+        return AT_FIRST
+    mean = max(sum(entry["transitions"] for entry in history) / done, 1.0)
+    return min(int(np.ceil(MARGIN * missing / mean)), AT_ONCE)
 
 
 def collect(episodes: Iterable[Episode]) -> tuple[list[Track], dict[str, float]]:
@@ -209,17 +181,8 @@ def _noise(scene: IntArray, generators: Sequence[torch.Generator]) -> FloatArray
     return torch.cat(drawn).double().numpy() if drawn else np.empty((0, 3))
 
 
-def begin_validation(driving: Driving, policy: GaussianPolicy, config: TrainConfig) -> Iterator[Episode]:
-    """Begin to drive a fixed set of episodes by the means of `policy`; see :func:`validate`.
-
-    The policy must not change until the last of them.
-    """
-    seeds = range(VALIDATION_SEED, VALIDATION_SEED + config.validation_episodes)
-    return driving.episodes(policy, seeds, draws=False)
-
-
-def validate(episodes: Iterable[Episode], config: TrainConfig) -> dict[str, float]:
-    """Sum up the `episodes` of a validation.
+def validate(driving: Driving, policy: GaussianPolicy, config: TrainConfig) -> dict[str, float]:
+    """Drive the episodes of a validation, which are always the same.
 
     Returns:
         rates by name, and `validation_score`: the mean penalty of an agent-step, at most 0.
@@ -227,7 +190,7 @@ def validate(episodes: Iterable[Episode], config: TrainConfig) -> dict[str, floa
     Raises:
         InputError: no agent is driven in any episode.
     """
-    rates = collect(episodes)[1]
+    rates = collect(driving(policy, range(VALIDATION_SEED, VALIDATION_SEED + config.validation_episodes)))[1]
     if not rates["transitions"]:
         raise InputError(
             f"training: no agent is driven in the {config.validation_episodes} episodes of validation, expected "

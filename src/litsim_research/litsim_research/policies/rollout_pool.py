@@ -21,18 +21,21 @@ from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.data import TrainingData
 from litsim_research.policies.episodes import Course
 from litsim_research.policies.network import GaussianPolicy
-from litsim_research.policies.rollout import BATCH_MAX, Driving, Episode, HereDriving, by_kind, drive
+from litsim_research.policies.rollout import BATCH_MAX, Driving, Episode, by_kind, drive, driving_here
 
 Part = Literal["train", "validation"]
 PARTS: tuple[Part, ...] = ("train", "validation")
-Weights = dict[str, np.ndarray]
 
 
 @contextmanager
 def rollouts(data: TrainingData, config: TrainConfig, processes: int) -> Iterator[tuple[Driving, Driving]]:
-    """Yield what drives the episodes of training and of validation, in `processes` processes; 1 is this one."""
+    """Yield what drives the episodes of training, with drawn actions, and those of validation, with the means.
+
+    They are driven in `processes` processes; 1 is this one.
+    """
+    train, validation = (_course(data, config, part) for part in PARTS)
     if processes == 1:
-        yield HereDriving(_course(data, config, "train")), HereDriving(_course(data, config, "validation"))
+        yield driving_here(train, draws=True), driving_here(validation, draws=False)
         return
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory(prefix="litsim_") as folder:
@@ -42,30 +45,22 @@ def rollouts(data: TrainingData, config: TrainConfig, processes: int) -> Iterato
             for _ in range(processes):
                 pool.submit(_ready)  # processes start and import while this one computes the expert pairs
             try:
-                courses = {part: _course(data, config, part) for part in PARTS}
-                driving, validation = (PoolDriving(pool, part, courses[part], processes) for part in PARTS)
-                yield driving, validation
+                yield _in_pool(pool, "train", train, processes), _in_pool(pool, "validation", validation, processes)
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
 
 
-class PoolDriving:
-    """Drives episodes in the processes of a pool."""
+def _in_pool(pool: ProcessPoolExecutor, part: Part, course: Course, processes: int) -> Driving:
+    """Returns what drives episodes of `course` in the processes of `pool`."""
 
-    def __init__(self, pool: ProcessPoolExecutor, part: Part, course: Course, processes: int) -> None:
-        self._pool, self._part, self._course, self._processes = pool, part, course, processes
-
-    def episodes(self, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> Iterator[Episode]:
-        """See :class:`litsim_research.policies.rollout.Driving`."""
+    def episodes(policy: GaussianPolicy, seeds: Sequence[int]) -> Iterator[Episode]:
         weights = {name: values.detach().numpy().copy() for name, values in policy.state_dict().items()}
-        shares = shared_out(by_kind(map(self._course.scenario_of, seeds)), self._processes)
-        jobs = [self._pool.submit(_drive, self._part, weights, [seeds[k] for k in share], draws) for share in shares]
+        shares = shared_out(by_kind(map(course.scenario_of, seeds)), processes)
+        jobs = [pool.submit(_drive, part, weights, [seeds[k] for k in share]) for share in shares]
+        driven = dict(zip(chain(*shares), chain(*(job.result() for job in jobs)), strict=True))
+        yield from (driven[number] for number in range(len(seeds)))
 
-        def driven() -> Iterator[Episode]:
-            found = dict(zip(chain(*shares), chain(*(job.result() for job in jobs)), strict=True))
-            yield from (found[number] for number in range(len(seeds)))
-
-        return driven()
+    return episodes
 
 
 def shared_out(groups: Iterable[Sequence[int]], processes: int) -> list[Sequence[int]]:
@@ -98,10 +93,10 @@ def _ready() -> None:
     """Do nothing; submitting this starts a process of the pool."""
 
 
-def _drive(part: Part, weights: Weights, seeds: list[int], draws: bool) -> list[Episode]:
+def _drive(part: Part, weights: dict[str, np.ndarray], seeds: list[int]) -> list[Episode]:
     (policy,) = _policies
     policy.load_state_dict({name: torch.from_numpy(values) for name, values in weights.items()})
-    return drive(_courses[part], policy, seeds, draws=draws)
+    return drive(_courses[part], policy, seeds, draws=part == "train")
 
 
 def _course(data: TrainingData, config: TrainConfig, part: Part) -> Course:

@@ -15,24 +15,24 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import torch
 from tqdm import tqdm
 
-from litsim_research.policies.checkpoint import BEST, CHECKPOINT, CURVES, Training
+from litsim_research.policies.checkpoint import BEST, CURVES, Training
 from litsim_research.policies.config import TrainConfig
 from litsim_research.policies.critic import driven_pairs, expert_pairs_of, update_critic
 from litsim_research.policies.data import TrainingData, prepare
 from litsim_research.policies.expert import expert_pairs
 from litsim_research.policies.network import driving_network
 from litsim_research.policies.ppo import Demonstrations
-from litsim_research.policies.rollout import Driving, Episode, begin, begin_validation, collect, validate
+from litsim_research.policies.rollout import Driving, collect, drawn_episodes, validate
 from litsim_research.policies.rollout_pool import rollouts
 from litsim_research.policies.training_program import training_parser, training_program
 from litsim_research.policies.warm_start import clone
+from litsim_research.predictors.checkpoint import CHECKPOINT
 from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.io.yaml_input import read_yaml
 
@@ -68,37 +68,22 @@ def _train(
     with tqdm(total=config.iterations, initial=len(training.history), unit="iteration", disable=not progress) as bar:
         for iteration in range(len(training.history), config.iterations):
             started = time.perf_counter()
-            episodes = begin(driving, training.policy, config, training.history)
-            figures = _iterate(training, episodes, recorded, shown, iteration)
-            training.history.append(figures)
-            due = iteration % config.validate_every == 0 or iteration == config.iterations - 1
-            if due:
-                figures |= _validated(training, validation, out)
-            figures["seconds"] = time.perf_counter() - started
-            training.keep(out)
-            if due:
-                training.write(out)
+            figures = _iterate(training, driving, recorded, shown, iteration)
+            if iteration % config.validate_every == 0 or iteration == config.iterations - 1:
+                figures |= validate(validation, training.policy, config)
+            training.note(figures | {"seconds": time.perf_counter() - started}, out)
             bar.set_postfix({"penalty": f"{figures['penalty']:.3f}", "collisions/1000": f"{figures['collisions']:.2f}"})
             bar.update()
 
 
-def _validated(training: Training, validation: Driving, out: Path) -> dict[str, float]:
-    """Validates the policy, saves its weights if they are the best so far, and returns the results."""
-    results = validate(begin_validation(validation, training.policy, training.config), training.config)
-    if results["validation_score"] > training.best:
-        training.best = results["validation_score"]
-        training.save(out / BEST)
-    return results
-
-
 def _iterate(
     training: Training,
-    episodes: Iterator[Episode],
+    driving: Driving,
     recorded: Demonstrations,
     shown: Demonstrations,
     iteration: int,
 ) -> dict[str, float]:
-    """Make one iteration: drive `episodes`, train the critic on `recorded`, reward, and update the policy.
+    """Make one iteration: drive episodes, train the critic on `recorded`, reward, and update the policy.
 
     The update also keeps the policy near the demonstrations `shown`.
 
@@ -110,7 +95,7 @@ def _iterate(
     """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
-    tracks, counts = collect(episodes)
+    tracks, counts = collect(drawn_episodes(driving, training.policy, config, training.history))
     driven = driven_pairs(tracks, config.observation)
     comparable = driven[np.repeat([track.recorded for track in tracks], [len(track) for track in tracks])]
     own = comparable if len(comparable) else driven

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import torch
 
-from litsim_research.policies.checkpoint import CHECKPOINT
+from litsim_research.predictors.checkpoint import CHECKPOINT
 from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import at_least_one, print_how_to_resume, training_folder
 

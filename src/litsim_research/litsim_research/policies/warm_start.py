@@ -5,21 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
-from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 
 from litsim_research.policies.network import StochasticPolicy
-from litsim_research.policies.ppo import Demonstrations, refuse_divergence
+from litsim_research.policies.ppo import BatchSize, Demonstrations, refuse_divergence
+from litsim_sim.core.quantities import NonNegative, Number, Positive, Whole, configuration
 
 
-class WarmStart(BaseModel):
+@configuration
+class WarmStart:
     """Behaviour cloning before the first iteration; 0 epochs for none."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    epochs: int = Field(30, ge=0)
-    batch: int = Field(256, gt=0)
-    learning_rate: float = Field(1e-3, gt=0)
+    epochs: NonNegative[Whole] = 30
+    batch: BatchSize = 256
+    learning_rate: Positive[Number] = 1e-3
 
 
 def clone(

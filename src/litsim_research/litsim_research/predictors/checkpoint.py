@@ -1,18 +1,80 @@
-"""Checkpoints of trainings and files of weights, written whole; checkpoints are read with errors that name the file."""
+"""Checkpoints of trainings, of which each can be resumed, and files of weights; all are written whole."""
 
 from __future__ import annotations
 
 import io
+import json
+import textwrap
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from safetensors.torch import save
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
+
+CHECKPOINT = "checkpoint.pt"
+SHOWN = 70  # most characters of a value in an error, of which a SHA-256 has 66
+
+
+class ResumableTraining:
+    """A training whose state can be written between two epochs or iterations, and restored.
+
+    Attributes:
+        config: of the training.
+        data: what it is trained on: by file or field its SHA-256 or value.
+        history: measured values by name, one entry per epoch, iteration or validation.
+        parts, more: names of the attributes that a checkpoint holds: networks and optimisers, and all others.
+        length: field of the configuration that may be another one when the training is resumed; empty for none.
+        device: of torch.
+    """
+
+    config: Any
+    data: dict[str, Any]
+    history: list[dict[str, float]]
+    parts: tuple[str, ...]
+    more: tuple[str, ...]
+    length: ClassVar[str] = "iterations"
+    device = "cpu"
+
+    def keep(self, out: Path) -> None:
+        """Write a checkpoint to the folder `out`, with the configuration and what the data are.
+
+        Raises:
+            Unwritable: the file cannot be written; the previous checkpoint is kept.
+        """
+        state = {name: getattr(self, name).state_dict() for name in self.parts}
+        state |= {name: getattr(self, name) for name in self.more}
+        described = {"config": json.dumps(self.config.model_dump(mode="json")), "data": json.dumps(self.data)}
+        save_checkpoint(out / CHECKPOINT, state | described)
+
+    def read(self, path: Path) -> None:
+        """Restore the state from the checkpoint `path`.
+
+        Raises:
+            InputError: there is none, or it is of a run with another configuration, of which only the field
+                :attr:`length` may differ, or with other data.
+        """
+        with checkpoint(path, self.device) as state:
+            then, now = json.loads(state["config"]), self.config.model_dump(mode="json")
+            changed = [key for key in now if key != self.length and then.get(key) != now[key]]
+            if changed:
+                differ = f"fields {', '.join(changed)} of the configuration differ from the checkpoint's"
+                raise InputError(f"{path}: {differ}")
+            then, now = json.loads(state["data"]), json.loads(json.dumps(self.data))
+            for name in (*now, *then):
+                if (actual := now.get(name)) != (expected := then.get(name)):
+                    values = f"{_shown(actual)}, expected {_shown(expected)}"
+                    raise InputError(
+                        f"{path}: trained on another {name}: {values}; restore it, or train anew elsewhere"
+                    )
+            for name in self.parts:
+                getattr(self, name).load_state_dict(state[name])
+            for name in self.more:
+                setattr(self, name, state[name])
 
 
 @contextmanager
@@ -55,6 +117,10 @@ def save_weights(tensors: Mapping[str, torch.Tensor], metadata: dict[str, str], 
     """
     with replacing(path) as new:
         new.write_bytes(save({name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}, metadata))
+
+
+def _shown(value: Any) -> str:
+    return "none" if value is None else textwrap.shorten(json.dumps(value), SHOWN, placeholder=" …")
 
 
 def _brief(error: Exception) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from contextlib import suppress
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ from tqdm import tqdm
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import AT_SECONDS, MANEUVERS, SECONDS
 from litsim_predictor.inference.weights import Provenance, weights_path
-from litsim_research.predictors.checkpoint import checkpoint, save_checkpoint
+from litsim_research.predictors.checkpoint import ResumableTraining
 from litsim_research.predictors.data.batch import SceneBatch
 from litsim_research.predictors.data.scenes import scene_batches, training_batches
 from litsim_research.predictors.data.sources import digest_of, files_of
@@ -33,10 +33,10 @@ from litsim_sim.io.files import write_text
 
 GRADIENT_LIMIT = 10.0
 VALIDATION_STRIDE = 10  # frames between scenes
-CHECKPOINT, CURVES, HISTORY_FILE, WEIGHTS = "checkpoint.pt", "curves.png", "training.json", "weights.safetensors"
+CURVES, HISTORY_FILE, WEIGHTS = "curves.png", "training.json", "weights.safetensors"
 
 
-class Training:
+class Training(ResumableTraining):
     """One training, whose weights, checkpoint, curves and history are written to one folder.
 
     Args:
@@ -48,29 +48,33 @@ class Training:
         workers: number of processes that make batches ahead, on which the result does not depend.
     """
 
+    config: TrainingConfig
+    more, length = ("history", "best", "random_state"), ""
+
     def __init__(
         self, config: TrainingConfig, folder: Path, locate: Locator, command: str, device: str, workers: int = 0
     ) -> None:
-        self._config, self._folder, self._command, self._device = config, folder, command, device
+        self.config, self._folder, self._command, self.device = config, folder, command, device
+        self.parts = ("model", "optimizer", "averaged") if config.averaging else ("model", "optimizer")
         self._workers = workers
         torch.manual_seed(config.seed)
         self.model = self._first_model(locate).to(device)
-        self._averaged = (
+        self.averaged = (
             AveragedModel(self.model, multi_avg_fn=get_ema_multi_avg_fn(config.averaging)) if config.averaging else None
         )
         self._random = np.random.default_rng(config.seed)
-        self._optimizer = torch.optim.AdamW(
+        self.optimizer = torch.optim.AdamW(
             self.model.parameters(), config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
         self._parts = load_parts(config, locate)
         teacher_paths = [weights_path(name) if name in SHIPPED else locate(name) for name in config.teachers]
         self._teachers = [load_model(str(path))[0].to(device) for path in teacher_paths]
         names = [name for source in config.data for name in files_of(source)] + [config.start] * bool(config.start)
-        self._files = {name: digest_of(locate(name)) for name in names}
-        self._files |= {name: digest_of(path) for name, path in zip(config.teachers, teacher_paths, strict=True)}
-        self._manifest = {"files": self._files, "rows": targets_of(self._parts)}
-        self.history: list[dict[str, float]] = []
-        self._best: dict[str, float] = {}
+        self.data = {name: digest_of(locate(name)) for name in names}
+        self.data |= {name: digest_of(path) for name, path in zip(config.teachers, teacher_paths, strict=True)}
+        self._manifest = {"files": self.data, "rows": targets_of(self._parts)}
+        self.history = []
+        self.best: dict[str, float] = {}
 
     def run(self) -> None:
         """Train for the remaining epochs; after Ctrl-C the files of the completed epochs can be used and resumed from.
@@ -78,49 +82,39 @@ class Training:
         Raises:
             InputError: the training diverges, or no vehicle for validation has a complete history and future.
         """
-        bar = tqdm(total=self._config.epochs, initial=len(self.history), unit="epoch")
+        bar = tqdm(total=self.config.epochs, initial=len(self.history), unit="epoch")
         with bar, suppress(KeyboardInterrupt):
-            while len(self.history) < self._config.epochs:
+            while len(self.history) < self.config.epochs:
                 figures = self._epoch(len(self.history))
                 if not np.isfinite(figures["val_nll"]):
                     raise InputError(
-                        f"training configuration: field learning_rate is {self._config.learning_rate:g}, with which "
+                        f"training configuration: field learning_rate is {self.config.learning_rate:g}, with which "
                         f"the likelihood is not finite after epoch {len(self.history) + 1}; expected a smaller one"
                     )
                 self.history.append(figures)
-                if not self._best or figures["val_nll"] <= self._best["val_nll"]:
-                    self._best = figures
+                if not self.best or figures["val_nll"] <= self.best["val_nll"]:
+                    self.best = figures
                     save_model(self._result, self._provenance(), self._folder / WEIGHTS)
                 self._save()
                 bar.update()
                 bar.set_postfix({"val m": f"{figures['val_error']:.2f}", "5 s": f"{figures['val_rmse_5']:.2f}"})
 
-    def resume(self) -> None:
-        """Restore the state from the checkpoint in the folder.
+    @property
+    def random_state(self) -> dict[str, Any]:
+        """States of all generators of random numbers."""
+        gpu = torch.cuda.get_rng_state_all() if self.device.startswith("cuda") else []
+        return {"numpy": json.dumps(self._random.bit_generator.state), "torch": torch.get_rng_state(), "gpu": gpu}
 
-        Raises:
-            InputError: there is none, it cannot be used, or it is of another configuration or of other data.
-        """
-        path = self._folder / CHECKPOINT
-        with checkpoint(path, self._device) as state:
-            if json.loads(state["config"]) != self._config.model_dump(mode="json"):
-                raise InputError(f"{path}: checkpoint of another configuration; train into another folder")
-            then = json.loads(state["files"])
-            if changed := [name for name, digest in self._files.items() if then[name] != digest]:
-                raise InputError(f"{path}: trained on another {', '.join(changed)}; train into another folder")
-            self.model.load_state_dict(state["model"])
-            if self._averaged is not None:
-                self._averaged.load_state_dict(state["averaged"])
-            self._optimizer.load_state_dict(state["optimizer"])
-            self._random.bit_generator.state = json.loads(state["random"])
-            torch.set_rng_state(state["torch_random"].cpu())
-            if self._device.startswith("cuda"):
-                torch.cuda.set_rng_state_all([numbers.cpu() for numbers in state["gpu_random"]])
-            self.history, self._best = json.loads(state["history"]), json.loads(state["best"])
+    @random_state.setter
+    def random_state(self, state: dict[str, Any]) -> None:
+        self._random.bit_generator.state = json.loads(state["numpy"])
+        torch.set_rng_state(state["torch"].cpu())
+        if self.device.startswith("cuda"):
+            torch.cuda.set_rng_state_all([numbers.cpu() for numbers in state["gpu"]])
 
     def _first_model(self, locate: Locator) -> SceneModel:
         """Returns the model before the first epoch: with random weights, or with those of the file `start`."""
-        config = self._config
+        config = self.config
         if not config.start:
             return build(config.model, config.parameters, "training configuration")
         model, made = load_model(str(locate(config.start)))
@@ -134,17 +128,17 @@ class Training:
     @property
     def _result(self) -> SceneModel:
         """The model that is validated and saved: the trained one, or the one with the EMA of its weights."""
-        return self.model if self._averaged is None else cast(SceneModel, self._averaged.module)
+        return self.model if self.averaged is None else cast(SceneModel, self.averaged.module)
 
     def _epoch(self, epoch: int) -> dict[str, float]:
         """Train for `epoch`, counted from 0; returns its means over the training part, and those of the validation."""
-        config = self._config
+        config = self.config
         rate = self._learning_rate(epoch)
-        for group in self._optimizer.param_groups:
+        for group in self.optimizer.param_groups:
             group["lr"] = rate
         self.model.train()
         self.model.forcing = max(0.0, 1.0 - epoch / config.forcing_epochs) if config.forcing_epochs else 0.0
-        sums, count = torch.zeros(3, dtype=torch.float64, device=self._device), 0  # read once: a GPU need not wait
+        sums, count = torch.zeros(3, dtype=torch.float64, device=self.device), 0  # read once: a GPU need not wait
         batches = training_batches(
             self._parts["train"],
             config.agents_per_batch,
@@ -154,17 +148,17 @@ class Training:
             self._workers,
         )
         for batch in tqdm(batches, desc=f"epoch {epoch + 1}", unit="batch", leave=False):
-            *losses, distillation = self._losses(batch.to(self._device))
+            *losses, distillation = self._losses(batch.to(self.device))
             nll, error, maneuver = losses
             warm = epoch < config.warm_epochs
             loss = error if warm else nll + config.error_weight * error
             loss = loss + config.maneuver_weight * maneuver + config.teacher_weight * distillation
-            self._optimizer.zero_grad(set_to_none=True)
+            self.optimizer.zero_grad(set_to_none=True)
             loss.backward()
             torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_LIMIT)
-            self._optimizer.step()
-            if self._averaged is not None:
-                self._averaged.update_parameters(self.model)
+            self.optimizer.step()
+            if self.averaged is not None:
+                self.averaged.update_parameters(self.model)
             agents = int(batch.target.sum())
             sums += agents * torch.stack(losses).detach().double()
             count += agents
@@ -174,7 +168,7 @@ class Training:
 
     def _learning_rate(self, epoch: int) -> float:
         """Returns the learning rate of `epoch`, counted from 0: a cosine over all epochs, or divided by 10 in steps."""
-        config = self._config
+        config = self.config
         if config.divided_every:
             return config.learning_rate * 0.1 ** (epoch // config.divided_every)
         return config.learning_rate * 0.5 * (1.0 + float(np.cos(np.pi * epoch / config.epochs)))
@@ -185,7 +179,7 @@ class Training:
         The first two are means over the known future steps of the targets, the third over the targets with a complete
         future, and the last over all steps of the targets decoded with their most probable manoeuvre.
         """
-        predicted = torch.rand(batch.maneuver.shape, device=self._device) < self._config.predicted_share
+        predicted = torch.rand(batch.maneuver.shape, device=self.device) < self.config.predicted_share
         prediction = self.model(batch, torch.where(predicted, -1, batch.maneuver))
         known = (batch.future_known & batch.target[..., None])[:, :, None]
         nll = negative_log_likelihood(prediction, batch.future)[known].mean()
@@ -217,7 +211,7 @@ class Training:
         squared, nll, right, count = torch.zeros(len(SECONDS)), 0.0, 0, 0
         validation = [tracks for tracks, _ in self._parts["val"]]
         for batch in scene_batches(validation, stride=VALIDATION_STRIDE):
-            moved = batch.to(self._device)
+            moved = batch.to(self.device)
             prediction = model(moved, decode="all")
             logits = prediction.maneuver.log_softmax(dim=-1)
             best = logits.argmax(dim=-1)
@@ -234,31 +228,19 @@ class Training:
         return figures | {"val_error": float(np.mean(rmse)), "val_nll": nll / count, "val_maneuver": right / count}
 
     def _provenance(self) -> Provenance:
-        config = self._config
+        config = self.config
         return Provenance(
             model=config.model,
             parameters=config.parameters,
             command=self._command,
             training=config.model_dump(mode="json"),
             manifest=self._manifest,
-            figures=self._best,
+            figures=self.best,
         )
 
     def _save(self) -> None:
         """Write the checkpoint, the history and the learning curves."""
-        state = {
-            "config": json.dumps(self._config.model_dump(mode="json")),
-            "files": json.dumps(self._files),
-            "model": self.model.state_dict(),
-            "averaged": {} if self._averaged is None else self._averaged.state_dict(),
-            "optimizer": self._optimizer.state_dict(),
-            "random": json.dumps(self._random.bit_generator.state),
-            "torch_random": torch.get_rng_state(),
-            "gpu_random": torch.cuda.get_rng_state_all() if self._device.startswith("cuda") else [],
-            "history": json.dumps(self.history),
-            "best": json.dumps(self._best),
-        }
-        save_checkpoint(self._folder / CHECKPOINT, state)
-        summary = {"best": self._best, "manifest": self._manifest, "epochs": self.history, "maneuvers": list(MANEUVERS)}
+        self.keep(self._folder)
+        summary = {"best": self.best, "manifest": self._manifest, "epochs": self.history, "maneuvers": list(MANEUVERS)}
         write_text(self._folder / HISTORY_FILE, json.dumps(summary, indent=1) + "\n")
         plot_curves(self.history, self._folder / CURVES, PANELS, along="epoch")
