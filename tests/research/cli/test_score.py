@@ -2,7 +2,6 @@
 
 import json
 import os
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import pandas as pd
 import pytest
 import torch
 
+from command_line import refusal, status
 from litsim_predictor.inference import SHIPPED
 from litsim_research.cli.score import evaluate, main, parser
 from litsim_research.predictors.evaluation.evaluation import COMPARED, load_models
@@ -57,11 +57,6 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def measure(*words: str | Path) -> dict[str, dict[str, Any]]:
     models = () if "--models" in words else ("--models", *NAMES)
     return evaluate(parser().parse_args([str(word) for word in (*models, *words)]))
-
-
-def run(monkeypatch: pytest.MonkeyPatch, *words: str | Path) -> None:
-    monkeypatch.setattr(sys, "argv", ["evaluate", *map(str, words)])
-    main()
 
 
 # Measures
@@ -182,11 +177,9 @@ def test_a_net_that_was_asked_for_must_be_there(write: Write) -> None:
 # Outputs
 
 
-def test_the_command_writes_json_and_a_picture_and_prints_the_table(
-    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
+def test_the_command_writes_json_and_a_picture_and_prints_the_table(write: Write, tmp_path: Path, capsys: Any) -> None:
     out, picture = tmp_path / "out.json", tmp_path / "out.png"
-    run(monkeypatch, "--models", "kinematic", "--recording", write(0.4), "--json", out, "--plot", picture)
+    status(main, "--models", "kinematic", "--recording", write(0.4), "--json", out, "--plot", picture)
     scores = json.loads(out.read_text())
     assert set(scores) == {"constant_velocity", "kinematic"}  # the reference is always there
     for measures in scores.values():
@@ -202,17 +195,13 @@ def test_by_default_all_models_that_come_with_the_package_are_compared() -> None
 
 
 def test_on_streets_default_has_the_weights_that_runs_have_there(
-    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    write: Write, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out, street = tmp_path / "out.json", write(0.4, net="urban_like", name="street")
-    run(monkeypatch, "--models", "default", "streets", "--recording", street, "--json", out)
-    scores = json.loads(out.read_text())
-    assert scores["default"]["rmse"] == scores["streets"]["rmse"]
-    run(monkeypatch, "--models", "default", "streets", "--recording", write(0.4), "--json", out)
-    scores = json.loads(out.read_text())
-    assert scores["default"]["rmse"] != scores["streets"]["rmse"]
-    with pytest.raises(SystemExit):
-        run(monkeypatch, "--models", "default", "--recording", street, write(0.4))
+    street, motorway = write(0.4, net="urban_like", name="street"), write(0.4)
+    for recording, alike in ((street, True), (motorway, False)):
+        scores = measure("--models", "default", "streets", "--recording", recording)
+        assert (scores["default"]["rmse"] == scores["streets"]["rmse"]) == alike
+    assert "different weights" in refusal(capsys, main, "--models", "default", "--recording", street, motorway)
 
 
 # What cannot be used
@@ -230,13 +219,9 @@ def test_on_streets_default_has_the_weights_that_runs_have_there(
         (["--device", "abacus"], "--device abacus"),
     ],
 )
-def test_wrong_words_end_the_program(
-    words: list[str], expected: str, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
-    with pytest.raises(SystemExit) as stop:
-        run(monkeypatch, *words, *(() if "--models" in words else ("--models", "kinematic")))
-    assert stop.value.code == 2
-    assert expected in capsys.readouterr().err
+def test_wrong_words_end_the_program(words: list[str], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
+    models = () if "--models" in words else ("--models", "kinematic")
+    assert expected in refusal(capsys, main, *words, *models)
 
 
 def test_a_graph_is_no_weights(write: Write, tmp_path: Path) -> None:
@@ -260,10 +245,9 @@ def test_a_part_without_vehicles_is_refused(write: Write) -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
 @pytest.mark.parametrize("option", ["--json", "--plot"])
 def test_results_that_cannot_be_written_are_an_error(
-    option: str, write: Write, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    option: str, write: Write, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit):
-        run(monkeypatch, "--models", *NAMES, "--recording", write(0.0), option, "/dev/full")
+    status(main, "--models", *NAMES, "--recording", write(0.0), option, "/dev/full")
     printed = capsys.readouterr()
     assert printed.err.endswith("error: /dev/full: cannot be written: No space left on device\n")
     assert "RMSE@5 s" in printed.out, "what was measured is not lost"

@@ -31,8 +31,9 @@ def queue(make_scenario: Made, track: Made) -> Scenario:
     return make_scenario(track(1, x=80.0, last=80), track(2, x=100.0, last=80))
 
 
-def test_gymnasiums_own_checker_has_nothing_to_say() -> None:
-    environment = gymnasium.make(NAME)
+@pytest.mark.parametrize("name", [NAME, "litsim_research.gym:litsim/Takeover-v0"])
+def test_gymnasiums_own_checker_has_nothing_to_say(name: str) -> None:
+    environment = gymnasium.make(name)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(environment.unwrapped, skip_render_check=True)

@@ -1,12 +1,10 @@
-"""The environment `litsim/Takeover-v0`: Gymnasium's contract, and what an episode is."""
+"""The environment `litsim/Takeover-v0`: what an episode is."""
 
-import warnings
 from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from campaigns import scenario_file
 from litsim_research.gym import takeover
@@ -22,13 +20,6 @@ def episode(environment: gymnasium.Env, seed: int, action: np.ndarray) -> list[t
     while not (steps[-1][2] or steps[-1][3]):
         steps.append(environment.step(action))
     return steps
-
-
-def test_gymnasiums_own_checker_has_nothing_to_say() -> None:
-    environment = gymnasium.make(NAME)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env(environment.unwrapped, skip_render_check=True)
 
 
 def test_the_agent_stays_the_same_and_ends_by_its_own_fault_or_in_time() -> None:

@@ -1,16 +1,17 @@
 """People's car following in training: what is taken of it, and what is not."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from litsim_data.encounters.following import LANES, PAIRS, VEHICLES
+from litsim_data.encounters.following import FollowingTrack
 from litsim_data.encounters.packaged import rows
 from litsim_data.encounters.split import split_of
 from litsim_policy.driving.features.observation import ObservationConfig
 from litsim_policy.ego.log import LogEgo
+from litsim_research.policies import following
 from litsim_research.policies.data import DataConfig, prepare
 from litsim_research.policies.draw import drawn_ego
 from litsim_research.policies.expert import ExpertConfig, expert_pairs
@@ -20,41 +21,22 @@ from litsim_sim.core.errors import InputError
 
 Data = dict[str, list[str]]
 FRAMES = 260
+DATA = Path("data")
+"""Folder of the files, which are not read."""
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Forty followers 20 m behind leaders at 10 m/s on I-80, and files of other sources without vehicles."""
-    folder = tmp_path_factory.mktemp("following")
-    (folder / "ngsim").mkdir()
-    way = 1.0 * np.arange(FRAMES)
-    pairs = [
-        pd.DataFrame(
-            {
-                "period": 1600,
-                "pair": k,
-                "frame": np.arange(FRAMES),
-                "follower": 2000 + k,
-                "leader": 5000 + k,
-                "follower_y_m": way,
-                "follower_speed_mps": 10.0,
-                "leader_y_m": way + 24.7,
-                "leader_speed_mps": 10.0,
-                "leader_length_m": 4.7,
-            }
-        )
-        for k in range(40)
-    ]
-    pd.concat(pairs).to_parquet(folder / PAIRS)
-    lane = ("period", "lane", "vehicle_id", "frame", "local_y_m", "speed_mps", "class", "preceding", "preceding_y_m")
-    single = ("period", "vehicle_id", "frame", "local_y_m", "speed_mps", "space_headway_m")
-    for file, columns in ((LANES, lane), (VEHICLES, single)):
-        pd.DataFrame({name: pd.Series(dtype=float) for name in columns}).to_parquet(folder / file)
-    return folder
+@pytest.fixture(scope="module", autouse=True)
+def _forty_followers() -> Iterator[None]:
+    """20 m behind their leaders on I-80, all at 10 m/s."""
+    way, speed = 1.0 * np.arange(FRAMES), np.full(FRAMES, 10.0)
+    tracks = [FollowingTrack("i80", 1600, 2000 + k, 5000 + k, 4.7, 0, way, speed, way + 20.0, speed) for k in range(40)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(following, "following_tracks", lambda _: iter(tracks))
+        yield
 
 
-def test_nothing_is_taken_of_vehicles_that_are_reported_on(data: Path) -> None:
-    train, validation = following_scenarios(data)
+def test_nothing_is_taken_of_vehicles_that_are_reported_on() -> None:
+    train, validation = following_scenarios(DATA)
     tuning = {2000 + k for k in range(40) if split_of("i80", 1600, 2000 + k) == "tuning"}
     followers = [{int(s.log.ids[0]) for s in part} for part in (train, validation)]
     assert followers[0] | followers[1] == tuning and not followers[0] & followers[1]
@@ -62,8 +44,8 @@ def test_nothing_is_taken_of_vehicles_that_are_reported_on(data: Path) -> None:
     assert reported_drivers() == {r.agent for r in rows("reported") if r.site.startswith("us101") and r.period == 0}
 
 
-def test_the_log_has_both_vehicles_as_they_drove(data: Path) -> None:
-    scenario = following_scenarios(data)[0][0]
+def test_the_log_has_both_vehicles_as_they_drove() -> None:
+    scenario = following_scenarios(DATA)[0][0]
     assert scenario.history_steps == HISTORY and scenario.ego_id >= 5000
     follower, leader = (scenario.log.row(int(agent)) for agent in scenario.log.ids)
     gap = scenario.log.x[leader] - scenario.log.x[follower]
@@ -71,8 +53,8 @@ def test_the_log_has_both_vehicles_as_they_drove(data: Path) -> None:
     assert scenario.log.speed == pytest.approx(10.0, abs=0.01)
 
 
-def test_people_are_learned_from_together_and_leaders_with_nobody_ahead_are_not(data: Path) -> None:
-    train, _ = following_scenarios(data)
+def test_people_are_learned_from_together_and_leaders_with_nobody_ahead_are_not() -> None:
+    train, _ = following_scenarios(DATA)
     real = {scenario.name for scenario in train}
 
     def pairs(**more: dict[str, list[int]]) -> int:
@@ -87,10 +69,8 @@ def test_people_are_learned_from_together_and_leaders_with_nobody_ahead_are_not(
     assert pairs(reported={first.name: [int(first.log.ids[1])]}) == pairs(), "leaders show nothing"
 
 
-def test_draws_fall_on_it_with_its_share(
-    data: Path, training_data: Data, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("LITSIM_DATA", str(data))
+def test_draws_fall_on_it_with_its_share(training_data: Data, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LITSIM_DATA", str(DATA))
     found = prepare(DataConfig(**training_data, following=True, following_share=0.25), tmp_path)
     share = np.mean([scenario.name in found.real for scenario in found.train])
     assert share == pytest.approx(0.25, abs=0.01)
@@ -99,7 +79,7 @@ def test_draws_fall_on_it_with_its_share(
         prepare(DataConfig(**training_data, following=True), tmp_path)
 
 
-def test_egos_drive_as_recorded_in_a_share_of_episodes(data: Path) -> None:
-    scenario, random = following_scenarios(data)[0][0], np.random.default_rng(0)
+def test_egos_drive_as_recorded_in_a_share_of_episodes() -> None:
+    scenario, random = following_scenarios(DATA)[0][0], np.random.default_rng(0)
     egos = [drawn_ego(scenario, random, recorded=0.4) for _ in range(300)]
     assert np.mean([isinstance(ego, LogEgo) for ego in egos]) == pytest.approx(0.4, abs=0.08)

@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -108,9 +109,7 @@ class TestScenes:
         tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0)), NET)
         rng = np.random.default_rng
         plain = next(training_batches([(tracks, 1.0)], 2, 30, UNVARIED, rng(0)))
-        turned = next(
-            training_batches([(tracks, 1.0)], 2, 30, Augmentation(**{**vars(UNVARIED), "mirror": 1.0}), rng(0))
-        )
+        turned = next(training_batches([(tracks, 1.0)], 2, 30, replace(UNVARIED, mirror=1.0), rng(0)))
         assert torch.equal(turned.history[..., 0], plain.history[..., 0])
         assert torch.equal(turned.history[..., 1], -plain.history[..., 1])
         assert torch.equal(turned.position, plain.position * torch.tensor([1.0, -1.0]))
@@ -123,7 +122,7 @@ class TestScenes:
         table["y"] += 0.02 * table["frame"]
         table["yaw"], table["speed"] = np.arctan2(0.2, table["speed"]), np.hypot(0.2, table["speed"])
         tracks = Tracks.from_table("made", table, NET)
-        stretch = Augmentation(**{**vars(UNVARIED), "stretch": 1.0, "stretch_by": (1.5, 1.5)})
+        stretch = replace(UNVARIED, stretch=1.0, stretch_by=(1.5, 1.5))
         plain, long = (
             next(training_batches([(tracks, 1.0)], 2, 30, how, np.random.default_rng(0))) for how in (UNVARIED, stretch)
         )
@@ -144,7 +143,7 @@ class TestScenes:
         table = straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0))
         table.loc[table["vehicle_id"] == 2, "yaw"] = 0.5 * np.pi
         tracks = Tracks.from_table("made", table, None)
-        stretch = Augmentation(**{**vars(UNVARIED), "stretch": 1.0, "stretch_by": (1.5, 1.5)})
+        stretch = replace(UNVARIED, stretch=1.0, stretch_by=(1.5, 1.5))
         plain, same = (
             next(training_batches([(tracks, 1.0)], 2, 30, how, np.random.default_rng(0))) for how in (UNVARIED, stretch)
         )
@@ -153,7 +152,7 @@ class TestScenes:
 
     def test_occluded_agents_are_seen_now_at_least(self, straight: Straight) -> None:
         tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), frames=200), None)
-        hide = Augmentation(**{**vars(UNVARIED), "occlude": 1.0})
+        hide = replace(UNVARIED, occlude=1.0)
         seen = [b.observed[0, 0] for b in training_batches([(tracks, 1.0)], 1, 1, hide, np.random.default_rng(0))]
         assert all(bool(row[-1]) for row in seen)
         assert len({int(row.sum()) for row in seen}) > 5

@@ -1,5 +1,6 @@
 """Kinematic models as scene models: exact where they must be, and equal to the predictor of the node."""
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import cast
 
@@ -41,28 +42,6 @@ def turning(agent: int, x: float, y: float, yaw: float, speed: float, rate: floa
     )
 
 
-def tables(rows: pd.DataFrame, until: int) -> list[AgentTable]:
-    """The same agents as the node sees them."""
-    tables = []
-    for step in range(until + 1):
-        of_step = rows[rows["frame"] == step].sort_values("vehicle_id")
-        n = len(of_step)
-        columns = {name: of_step[name].to_numpy() for name in ("x", "y", "yaw", "speed", "length", "width")}
-        zeros = np.zeros(n)
-        tables.append(
-            AgentTable(
-                step=step,
-                id=of_step["vehicle_id"].to_numpy(),
-                kind=np.zeros(n, np.uint8),
-                controller=np.zeros(n, np.uint8),
-                acceleration=zeros,
-                yaw_rate=zeros,
-                **columns,
-            )
-        )
-    return tables
-
-
 def scene_now(rows: pd.DataFrame) -> SceneBatch:
     tracks = Tracks.from_table("made", rows, None)
     batches = list(scene_batches([tracks], agents_per_batch=1, stride=1))
@@ -79,7 +58,7 @@ def test_constant_velocity_is_exact_for_constant_velocity() -> None:
     np.testing.assert_allclose(board.scores().rmse, 0.0, atol=1e-4)
 
 
-def test_the_turning_model_is_the_kinematic_predictor() -> None:
+def test_the_turning_model_is_the_kinematic_predictor(agent_table: Callable[..., AgentTable]) -> None:
     rows = pd.concat(
         [
             turning(1, 0.0, 0.0, 0.4, 12.0, 0.2),
@@ -91,8 +70,10 @@ def test_the_turning_model_is_the_kinematic_predictor() -> None:
     prediction = ConstantTurnRate()(batch, "all")
     setting = cast(Setting, SimpleNamespace(ego_ids=1))
     predictor = KinematicPredictor(setting, Scope(1000.0, Wanted.ALL), KinematicConfig())
-    for table in tables(rows, NOW):
-        forecast = predictor.forecast(table)
+    for step, seen in rows.rename(columns={"vehicle_id": "id"}).groupby("frame"):
+        if step <= NOW:
+            table = agent_table(step, *seen.drop(columns="frame").to_dict("records"))
+            forecast = predictor.forecast(table)
     heading = batch.heading[0].double().numpy()
     cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
     mean = prediction.mean[0, :, 0].double().numpy()
