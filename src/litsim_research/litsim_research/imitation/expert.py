@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
-from litsim_policy.driving.features.traffic_observation import SIZE, TrafficObserver
+from litsim_policy.driving.features.traffic_observation import TrafficObserver
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath, logged_path, route_path, window
-from litsim_research.baselines.imitation_policy import BOUNDS, Turning, largest
-from litsim_research.policies.expert import ExpertPairs, PairsConfig, displaced, inverse_dynamics
+from litsim_research.baselines.imitation_policy import Turning, largest
+from litsim_research.policies.expert import ExpertPairs, PairsConfig, displaced, inverse_dynamics, moments
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.scenario.scenario import Scenario
 
@@ -34,17 +34,13 @@ def traffic_pairs(
 
 def _of_scenario(
     scenario: Scenario, config: PairsConfig, random: np.random.Generator, turning: Turning
-) -> list[FloatArray]:
-    """Returns the first four columns of :class:`.ExpertPairs` for one scenario."""
+) -> Iterator[tuple[FloatArray, ...]]:
+    """Yields the first four columns of :class:`.ExpertPairs` for steps of one scenario."""
     log, observer = scenario.log, TrafficObserver(scenario.lane_map)
     routes: dict[int, ReferencePath] = {}
     logged: dict[int, ReferencePath] = {}
-    nothing = np.empty((0, SIZE)), np.empty((0, len(BOUNDS)))
-    steps: list[tuple[FloatArray, ...]] = [(*nothing, *nothing)]
-    for step in range(0, log.steps - config.smooth, config.every):
-        table = log.table(step)
-        rows = np.searchsorted(log.ids, table.id)
-        chosen = np.flatnonzero((log.last_step[rows] - step >= config.smooth) & ~table.obstacle)
+    for table, rows, stays in moments(log, config):
+        chosen = np.flatnonzero(stays & ~table.obstacle)
         if not len(chosen):
             continue
         agents = table.id[chosen].tolist()
@@ -59,12 +55,11 @@ def _of_scenario(
             for agent, row in zip(agents, chosen.tolist(), strict=True)
         ]
         poses, steering = displaced(table, chosen, ways, config.offset, config.turn, random)
-        acceleration, yaw_rate = inverse_dynamics(log, rows[chosen], step, config.smooth)
+        acceleration, yaw_rate = inverse_dynamics(log, rows[chosen], table.step, config.smooth)
         observed = observer.observe(PathFollowers(scenario.lane_map, table, chosen, batch))
         displaced_observed = observer.observe(PathFollowers(scenario.lane_map, table, chosen, batch, poses))
         actions, corrections = (
             np.clip(np.column_stack([acceleration, turn]) / largest(table.speed[chosen], turning), -1.0, 1.0)
             for turn in (yaw_rate, steering)
         )
-        steps.append((observed, actions, displaced_observed, corrections))
-    return [np.concatenate(column) for column in zip(*steps, strict=True)]
+        yield observed, actions, displaced_observed, corrections

@@ -13,12 +13,13 @@ from typing import TypeVar
 import numpy as np
 import torch
 
-from litsim_policy.driving.action import ACTIONS, consistent, normalised
+from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.features.observation import ObservationConfig, Observer
 from litsim_policy.motion.along_path import Poses
 from litsim_policy.motion.reference_path import ReferencePath, logged_path, pursuit_yaw_rate, window
 from litsim_research.policies.ppo import Demonstrations, tensor
 from litsim_research.policies.task import TaskConfig, recorded_task
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.quantities import Angle, Length, NonNegative, Positive, Share, Speed, Steps, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
@@ -86,19 +87,23 @@ class ExpertPairs:
 
     @classmethod
     def of(
-        cls,
-        scenarios: Sequence[T],
-        columns_of: Callable[[T], Sequence[FloatArray]],
-        real: Sequence[bool],
+        cls, scenarios: Sequence[T], pairs_of: Callable[[T], Iterator[tuple[FloatArray, ...]]], real: Sequence[bool]
     ) -> ExpertPairs:
-        """Returns the pairs of `scenarios`; `columns_of` gives the first four columns for one of them.
+        """Returns the pairs of `scenarios`; `pairs_of` yields the first four columns for steps of one of them.
 
         `real` tells of each whether people drove.
+
+        Raises:
+            InputError: there are none.
         """
-        columns = [columns_of(scenario) for scenario in scenarios]
-        people = np.repeat(np.asarray(real, np.bool_), [len(first) for first, *_ in columns])
-        observation, action, moved, correction = (np.concatenate(column) for column in zip(*columns, strict=True))
-        return cls(observation, action, moved, correction, people)
+        parts = [
+            (*columns, np.full(len(columns[0]), people))
+            for scenario, people in zip(scenarios, real, strict=True)
+            for columns in pairs_of(scenario)
+        ]
+        if not parts:
+            raise InputError("training: no driver to learn from, expected scenarios with vehicles that interact")
+        return cls(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def demonstrations(self, real_share: float) -> tuple[Demonstrations, Demonstrations]:
         """Returns recorded pairs (n), and these together with the corrections of displaced vehicles (2 n).
@@ -134,7 +139,7 @@ def expert_pairs(
     parts = [part for group in groups.values() for part in _portions(group)]
     people = [part[0].name in real for part in parts]
 
-    def of(part: Sequence[Scenario]) -> list[FloatArray]:
+    def of(part: Sequence[Scenario]) -> Iterator[tuple[FloatArray, ...]]:
         batch = BatchedScenario.of(part)
         own = [np.isin(scenario.log.ids, left_out.get(scenario.name, [])) for scenario in part]
         return _of_batch(batch, observation, config, task, random, batch.log.ids[np.concatenate(own)])
@@ -155,16 +160,11 @@ def _of_batch(
     task: TaskConfig,
     random: np.random.Generator,
     left_out: IntArray,
-) -> list[FloatArray]:
-    """Returns the first four columns of :class:`ExpertPairs` for one batch, without the drivers `left_out`."""
+) -> Iterator[tuple[FloatArray, ...]]:
+    """Yields the first four columns of :class:`ExpertPairs` for steps of one batch, without the drivers `left_out`."""
     log, observer = scenario.log, Observer(scenario.lane_map, observation)
     paths = {}
-    nothing = np.empty((0, observation.size)), np.empty((0, len(ACTIONS)))
-    steps: list[tuple[FloatArray, ...]] = [(*nothing, *nothing)]
-    for step in range(0, log.steps - config.horizon, config.every):
-        table = log.table(step)
-        rows = np.searchsorted(log.ids, table.id)
-        stays = log.last_step[rows] - step >= max(config.horizon, config.smooth)
+    for table, rows, stays in moments(log, config, config.horizon):
         chosen = np.flatnonzero(stays & _interacts(table, config) & ~np.isin(table.id, left_out))
         if not len(chosen):
             continue
@@ -175,12 +175,22 @@ def _of_batch(
                 paths[agent] = logged_path(log, scenario.lane_map, agent)
             path = window(paths[agent], float(table.x[row]), float(table.y[row]))
             tasks.append(recorded_task(log, path, table, row, task, random))
-        acceleration, yaw_rate = inverse_dynamics(log, rows[chosen], step, config.smooth)
+        acceleration, yaw_rate = inverse_dynamics(log, rows[chosen], table.step, config.smooth)
         speed = table.speed[chosen]
         poses, steering = displaced(table, chosen, [task.path for task in tasks], config.offset, config.turn, random)
         action, correction = (normalised(consistent(acceleration, turn, speed)) for turn in (yaw_rate, steering))
-        steps.append((observer.observe(table, tasks), action, observer.observe(table, tasks, poses), correction))
-    return [np.concatenate(column) for column in zip(*steps, strict=True)]
+        yield observer.observe(table, tasks), action, observer.observe(table, tasks, poses), correction
+
+
+def moments(log: Log, config: PairsConfig, horizon: int = 0) -> Iterator[tuple[AgentTable, IntArray, BoolArray]]:
+    """Yields the table of every step of which pairs are taken, and of its agents (n,) rows in the log and who stays.
+
+    An agent stays whose log lasts for `horizon` steps more, and for those over which motion is averaged.
+    """
+    for step in range(0, log.steps, config.every):
+        table = log.table(step)
+        rows = np.searchsorted(log.ids, table.id)
+        yield table, rows, log.last_step[rows] - step >= max(horizon, config.smooth)
 
 
 def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:

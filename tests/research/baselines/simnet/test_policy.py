@@ -8,7 +8,7 @@ import pytest
 
 from litsim_policy.driving.registry import policy_stage
 from litsim_research.baselines.simnet.output import OUTPUTS
-from litsim_research.baselines.simnet.policy import SimnetPolicy
+from litsim_research.baselines.simnet.plugin import Simnet, SimnetConfig
 from litsim_research.baselines.simnet.raster import CHANNELS, FRAMES, OTHERS, OWN, SMALL
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
@@ -43,7 +43,7 @@ def scenario(make_scenario: Any, track: Any) -> Any:
 
 def test_the_first_step_is_done_as_acceleration_and_yaw_rate(scenario: Any) -> None:
     network = Says(ahead=1.03, turn=0.002)
-    policy = SimnetPolicy(scenario, network)
+    policy = Simnet(scenario, SimnetConfig(), network)
     for step in range(7):
         listed = takeovers_in_region(step, 2, 3) if step == 6 else TakeoverTable(step)
         controls = policy.act(scenario.log.table(step), listed)
@@ -56,7 +56,7 @@ def test_the_first_step_is_done_as_acceleration_and_yaw_rate(scenario: Any) -> N
 
 def test_everybody_is_shown_half_a_second_of_everybody(scenario: Any) -> None:
     network = Says(1.0, 0.0)
-    policy = SimnetPolicy(scenario, network)
+    policy = Simnet(scenario, SimnetConfig(), network)
     for step in range(8):
         policy.act(scenario.log.table(step), takeovers_in_region(step, 2, 3))
     assert network.shown.shape == (2, CHANNELS, SMALL.rows, SMALL.columns)
@@ -71,18 +71,18 @@ def test_everybody_is_shown_half_a_second_of_everybody(scenario: Any) -> None:
 
 def test_at_the_first_step_there_is_no_history(scenario: Any) -> None:
     network = Says(1.0, 0.0)
-    SimnetPolicy(scenario, network).act(scenario.log.table(0), takeovers_in_region(0, 2))
+    Simnet(scenario, SimnetConfig(), network).act(scenario.log.table(0), takeovers_in_region(0, 2))
     assert network.shown[0, OWN + FRAMES - 1].any() and not network.shown[0, OWN : OWN + FRAMES - 1].any()
 
 
 def test_what_is_no_finite_number_ends_the_run_by_the_name_of_the_file(scenario: Any) -> None:
-    policy = SimnetPolicy(scenario, Says(1.0, float("nan")))
+    policy = Simnet(scenario, SimnetConfig(), Says(1.0, float("nan")))
     with pytest.raises(InputError, match=r"says\.safetensors: not all poses predicted at step 0 are finite"):
         policy.act(scenario.log.table(0), takeovers_in_region(0, 2))
 
 
 def test_an_empty_answer_to_no_takeovers(scenario: Any) -> None:
-    assert len(SimnetPolicy(scenario, Says(1.0, 0.0)).act(scenario.log.table(5), TakeoverTable(5)).id) == 0
+    assert len(Simnet(scenario, SimnetConfig(), Says(1.0, 0.0)).act(scenario.log.table(5), TakeoverTable(5)).id) == 0
 
 
 def test_it_drives_on_an_empty_road(make_scenario: Any, track: Any, drive: Any) -> None:
