@@ -40,34 +40,36 @@ def test_seeds_have_one_use() -> None:
 
 
 @pytest.mark.parametrize("weights", POLICIES, ids=lambda path: path.stem)
-def test_policies_were_trained_on_generated_segments_of_seeds_for_training(weights: Path) -> None:
+def test_policies_were_trained_on_segments_of_seeds_for_training_and_windows_beside_the_reported_one(
+    weights: Path,
+) -> None:
     data = trained_on(weights)
     seeds = {each["seed"] for each in data["generated"]}
     assert seeds <= TRAINING and not seeds & (CALIBRATION | REPORTED)
     assert "demo" not in data["scenarios"]
-
-
-@pytest.mark.parametrize("weights", POLICIES, ids=lambda path: path.stem)
-def test_policies_were_trained_on_windows_beside_the_reported_one(weights: Path) -> None:
     first, last = REAL["crop"]["frame"]
-    for window in trained_on(weights)["real"]:
+    for window in data["real"]:
         begin, end = window["frames"]
         assert end < first or begin > last, f"{window} lies in the window of {REAL['name']}"
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_predictors_left_the_reported_window_out(name: str) -> None:
-    """Sources that could hold it say which frames they have kept for tests; the others are of another road."""
+def test_predictors_saw_nothing_that_is_reported(name: str) -> None:
+    """Sources that could hold the reported window say which frames they have kept for tests; of generated traffic they
+    saw the packaged recording of another seed than the demo's."""
     provenance = read_weights(name).provenance
-    kept = [source["test_frames"] for source in provenance.training["data"] if source["kind"].startswith("us101")]
+    sources, rows = provenance.training["data"], provenance.manifest["rows"]
+    kept = [source["test_frames"] for source in sources if source["kind"].startswith("us101")]
     assert kept and all(frames == REAL["crop"]["frame"] for frames in kept)
-    assert provenance.manifest["rows"]["test"]["us101_windows"] > 0
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_predictors_saw_no_generated_segments_that_are_reported(name: str) -> None:
-    sources = {each for part in provenance_rows(name).values() for each in part}
-    assert not {source for source in sources for seed in REPORTED | CALIBRATION if f"_{seed}_" in source}
+    assert rows["test"]["us101_windows"] > 0
+    named = {each for part in rows.values() for each in part}
+    assert not {source for source in named for seed in REPORTED | CALIBRATION if f"_{seed}_" in source}
+    assert [file for source in sources if source["kind"] == "recording" for file in source["files"]] == [
+        "us101_like.parquet"
+    ]
+    assert seed_of("us101_like.parquet") not in REPORTED | CALIBRATION
+    demo = sha256(packaged("scenarios/demo.parquet").read_bytes()).hexdigest()
+    assert demo not in provenance.manifest["files"].values()
 
 
 def test_the_weights_for_streets_saw_nothing_that_is_reported() -> None:
@@ -80,11 +82,6 @@ def test_the_weights_for_streets_saw_nothing_that_is_reported() -> None:
     assert windows == {"a", "c", "d"} and not [name for name in windows if f"/{name}_train" in suite]
 
 
-def provenance_rows(name: str) -> dict[str, dict[str, int]]:
-    """Rows by part and source that a predictor was made with."""
-    return dict(read_weights(name).provenance.manifest["rows"])
-
-
 def seed_of(file: str) -> int:
     """Seed of a packaged generated recording, as it says itself."""
     return int(load_recording(packaged(f"scenarios/{file}")).header.notes["seed"])
@@ -93,14 +90,3 @@ def seed_of(file: str) -> int:
 def test_the_demo_is_of_a_seed_for_reports_alone() -> None:
     assert seed_of("demo.parquet") == DEMO
     assert DEMO in REPORTED
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_predictors_did_not_see_the_demo(name: str) -> None:
-    """Of generated traffic they saw the other packaged recording, of another seed."""
-    provenance = read_weights(name).provenance
-    made = [file for source in provenance.training["data"] if source["kind"] == "recording" for file in source["files"]]
-    assert made == ["us101_like.parquet"]
-    assert seed_of("us101_like.parquet") not in REPORTED | CALIBRATION
-    demo = sha256(packaged("scenarios/demo.parquet").read_bytes()).hexdigest()
-    assert demo not in provenance.manifest["files"].values()

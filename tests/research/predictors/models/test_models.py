@@ -9,7 +9,6 @@ from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS
 from litsim_research.predictors.data.batch import SceneBatch
 from litsim_research.predictors.models.model import SceneModel, constant_velocity, negative_log_likelihood
 from litsim_research.predictors.models.registry import build
-from litsim_sim.core.errors import InputError
 
 MODELS = {
     "default": ("joint", {"traffic": True}),
@@ -103,12 +102,3 @@ def test_what_agents_do_is_learned(model: SceneModel, batch: SceneBatch) -> None
         losses.append(float(error.detach()))
     naive = float(((constant_velocity(batch.state) - batch.future) ** 2)[batch.agent].mean())
     assert min(losses[-10:]) < 0.3 * naive
-
-
-@pytest.mark.parametrize(
-    ("kind", "parameters", "named"),
-    [("joint", {"width": 3}, "parameters"), ("lstm", {}, "expected one of joint, cs_lstm, bat")],
-)
-def test_unknown_models_are_refused(kind: str, parameters: dict[str, int], named: str) -> None:
-    with pytest.raises(InputError, match=named):
-        build(kind, parameters, "file.yaml")
