@@ -51,6 +51,6 @@ def along_log(log: Log, agents: PathFollowers, lag: IntArray) -> tuple[FloatArra
     The logs lag by `lag` (m,) steps; where one is over, its end counts.
     """
     rows = log.ids.searchsorted(agents.table.id[agents.rows])
-    at = rows, np.minimum(agents.table.step - lag, log.last_step[rows])
-    behind, speed = agents.to_goal(log.x[at], log.y[at]), log.speed[at]
-    return catch_up(behind, agents.speed, speed, log.acceleration[at]), speed
+    index = rows, np.minimum(agents.table.step - lag, log.last_step[rows])
+    behind, speed = agents.to_goal(log.x[index], log.y[index]), log.speed[index]
+    return catch_up(behind, agents.speed, speed, log.acceleration[index]), speed

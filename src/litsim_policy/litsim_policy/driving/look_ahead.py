@@ -103,16 +103,16 @@ def _first_touch(by_place: Sorted, agents: AgentArrays, rows: Ints, poses: Float
             stops = -speed[j] / min(braking, -1e-3) if braking < 0.0 else np.inf
             other_cos, other_sin = math.cos(yaw[j]), math.sin(yaw[j])
             for k in range(instants):
-                at = STEP_S * (k + 1)
-                time = min(at, stops)
+                instant = STEP_S * (k + 1)
+                time = min(instant, stops)
                 gone = speed[j] * time + 0.5 * braking * time**2
                 other_x, other_y = x[j] + gone * other_cos, y[j] + gone * other_sin
                 for c in range(commands):
-                    if at >= touch[i, c]:
+                    if instant >= touch[i, c]:
                         continue
                     dx, dy = other_x - poses[0, i, c, k], other_y - poses[1, i, c, k]
                     if dx * dx + dy * dy < radius**2 and overlap(
                         dx, dy, poses[2, i, c, k], yaw[j], length[own], width[own], long, wide
                     ):
-                        touch[i, c] = at
+                        touch[i, c] = instant
     return touch

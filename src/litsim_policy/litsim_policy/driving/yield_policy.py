@@ -55,18 +55,20 @@ class YieldPolicy(Policy):
         vehicles = [k for k in range(len(listed)) if not walks[k]]
         on = [k for k in vehicles if listed[k].state.drives_on]
         back = [k for k in vehicles if listed[k].state == TakeoverState.HANDBACK]
-        for at, rule in ((on, self._hold), (back, self._hand_back)):
-            if at:
-                paths = PathBatch.of([listed[k].reference_path for k in at])
-                agents = PathFollowers(self._lane_map, table, rows[at], paths)
-                asked = rule(agents, [listed[k] for k in at])
-                acceleration[at] = wait_for_crossing(asked, paths, agents.s, table.arrays, agents.rows, table.obstacle)
-                yaw_rate[at] = self._steer(agents)
-        at = [k for k, t in enumerate(listed) if t.state != TakeoverState.RELEASED and walks[k]]
-        if at:
-            agents = PathFollowers.of_takeovers(self._lane_map, table, [listed[k] for k in at])
-            acceleration[at] = walk(self._log, agents, np.array([lag_of(listed[k]) for k in at]))
-            yaw_rate[at] = agents.path_yaw_rate
+        for chosen, rule in ((on, self._hold), (back, self._hand_back)):
+            if chosen:
+                paths = PathBatch.of([listed[k].reference_path for k in chosen])
+                agents = PathFollowers(self._lane_map, table, rows[chosen], paths)
+                asked = rule(agents, [listed[k] for k in chosen])
+                acceleration[chosen] = wait_for_crossing(
+                    asked, paths, agents.s, table.arrays, agents.rows, table.obstacle
+                )
+                yaw_rate[chosen] = self._steer(agents)
+        chosen = [k for k, t in enumerate(listed) if t.state != TakeoverState.RELEASED and walks[k]]
+        if chosen:
+            agents = PathFollowers.of_takeovers(self._lane_map, table, [listed[k] for k in chosen])
+            acceleration[chosen] = walk(self._log, agents, np.array([lag_of(listed[k]) for k in chosen]))
+            yaw_rate[chosen] = agents.path_yaw_rate
         source = np.array([SOURCES[t.state] for t in listed], np.uint8)
         return ControlTable.without_slip(table, rows, acceleration, yaw_rate, source)
 

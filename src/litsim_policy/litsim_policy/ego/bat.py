@@ -80,10 +80,10 @@ class BatEgo(Ego):
         inside = within_edges(road, points, headings, 0.5 * float(table.width[row]) + EDGE_MARGIN)
         path = ReferencePath.through(np.concatenate([inside, onto_lane(road, inside[-1], float(headings[-1]))]))
         turn = pursuit_yaw_rate(path, x, y, yaw, speed)
-        one = PathFollowers(road, table, np.array([row]), path.batch)
+        follower = PathFollowers(road, table, np.array([row]), path.batch)
         own_speed = np.array([speed])
         wanted = float(
-            idm_at_signals(IdmConfig(), own_speed, own_speed, np.array([wanted]), self._stop_lines.of(one))[0]
+            idm_at_signals(IdmConfig(), own_speed, own_speed, np.array([wanted]), self._stop_lines.of(follower))[0]
         )
         acceleration, yaw_rate = self._scenario.vehicle.within(wanted, turn, speed)
         return EgoCommand(table.step, acceleration, yaw_rate)
@@ -183,10 +183,10 @@ def within_edges(lane_map: LaneMap, points: FloatArray, headings: FloatArray, be
 
     An edge is a side of a lane without a neighbour. In a lane narrower than twice `beside`, points move to the centre.
     """
-    at = lane_map.nearest(points[:, 0], points[:, 1], headings)
-    lanes = [lane_map.lanes[row] for row in at.lane]
+    nearest = lane_map.nearest(points[:, 0], points[:, 1], headings)
+    lanes = [lane_map.lanes[row] for row in nearest.lane]
     room = np.maximum(0.5 * np.array([lane.width for lane in lanes]) - beside, 0.0)
     low = np.where([lane.right is None for lane in lanes], -room, -np.inf)
     high = np.where([lane.left is None for lane in lanes], room, np.inf)
-    aside = np.clip(at.d, low, high) - at.d
-    return points + aside[:, None] * np.column_stack([-np.sin(at.heading), np.cos(at.heading)])
+    aside = np.clip(nearest.d, low, high) - nearest.d
+    return points + aside[:, None] * np.column_stack([-np.sin(nearest.heading), np.cos(nearest.heading)])

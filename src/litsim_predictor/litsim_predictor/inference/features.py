@@ -20,16 +20,16 @@ LANE_DISTANCE = 3.0  # [m] largest distance of such a vehicle from the centre li
 
 def on_lanes(lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray) -> tuple[LanePosition, BoolArray]:
     """Where poses (n,) are on the net, and which of them (n,) drive along their lanes."""
-    at = lane_map.nearest(x, y, yaw)
-    return at, (np.abs(wrap_angle(at.heading - yaw)) < LANE_ANGLE) & (np.abs(at.d) < LANE_DISTANCE)
+    nearest = lane_map.nearest(x, y, yaw)
+    return nearest, (np.abs(wrap_angle(nearest.heading - yaw)) < LANE_ANGLE) & (np.abs(nearest.d) < LANE_DISTANCE)
 
 
 def frame_headings(lane_map: LaneMap | None, x: FloatArray, y: FloatArray, yaw: FloatArray) -> FloatArray:
     """Returns the headings (n,) [rad] of the agent frames: of lanes where agents drive along them, else their own."""
     if lane_map is None or not len(x):
         return yaw.copy()
-    at, along = on_lanes(lane_map, x, y, yaw)
-    return np.where(along, at.heading, yaw)
+    nearest, along = on_lanes(lane_map, x, y, yaw)
+    return np.where(along, nearest.heading, yaw)
 
 
 def agent_inputs(

@@ -68,20 +68,20 @@ class LaneFrameFinder:
         self._bends = np.zeros(len(lane_map.lanes), np.bool_)
         self._known = np.zeros(len(lane_map.lanes), np.bool_)
 
-    def ahead(self, at: LanePosition, along: BoolArray, speed: FloatArray) -> LaneFrames:
+    def ahead(self, position: LanePosition, along: BoolArray, speed: FloatArray) -> LaneFrames:
         """Returns the frames of those of n agents whose lanes bend, of those that drive `along` (n,) their lanes.
 
         An agent too fast for a bend, even if it brakes until there, goes straight on where it begins: diverging
         lanes of a junction overlap at first.
         """
-        known = self._known[at.lane]
-        if not known.all():
-            self._learn(np.unique(at.lane[~known]))
-        rows = np.flatnonzero(self._bends[at.lane] & along)
+        is_learned = self._known[position.lane]
+        if not is_learned.all():
+            self._learn(np.unique(position.lane[~is_learned]))
+        rows = np.flatnonzero(self._bends[position.lane] & along)
         if not len(rows):
             return NO_LANE_FRAMES
-        heading, d = at.heading[rows, None], at.d[rows, None]
-        way = self.lane_map.poses_along(at.lane[rows], at.s[rows], FRAMES)
+        heading, d = position.heading[rows, None], position.d[rows, None]
+        way = self.lane_map.poses_along(position.lane[rows], position.s[rows], FRAMES)
         x, y = to_body(way[..., 0] - way[:, :1, 0], way[..., 1] - way[:, :1, 1], heading)
         turn = wrap_angle(way[:, :1, 2] - heading) + np.unwrap(way[..., 2]) - way[:, :1, 2]
         pose = np.stack([x, y, turn], axis=-1)

@@ -96,15 +96,15 @@ class MapMemory:
         first = first_alike(words)
         alone = (first == np.arange(len(raster))).nonzero()[0]  # the first of their kind
         keys = fingerprints(words.view(np.uint64), alone).view("V16")[:, 0].tolist()
-        at = np.array([self._place.get(key, -1) for key in keys], np.int64)
-        is_new = at < 0
+        places = np.array([self._place.get(key, -1) for key in keys], np.int64)
+        is_new = places < 0
         if not is_new.any():
-            return MapCodes(raster[:0], self._codes[at], alone.searchsorted(first), ())
+            return MapCodes(raster[:0], self._codes[places], alone.searchsorted(first), ())
         order = np.where(is_new, np.count_nonzero(~is_new) + is_new.cumsum(), (~is_new).cumsum()) - 1
         code_of = np.empty(len(raster), np.int64)
         code_of[alone] = order
         new = is_new.nonzero()[0].tolist()
-        return MapCodes(raster[alone[new]], self._codes[at[~is_new]], code_of[first], tuple(keys[k] for k in new))
+        return MapCodes(raster[alone[new]], self._codes[places[~is_new]], code_of[first], tuple(keys[k] for k in new))
 
     def keep(self, maps: MapCodes, codes: Float32Array) -> None:
         """Remember the `codes` (u, width) of the new ones of `maps`; of too many, the oldest are forgotten."""

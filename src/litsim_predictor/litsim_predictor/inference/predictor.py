@@ -100,11 +100,11 @@ class LearnedPredictor:
         """Returns the headings (n,) of the frames of `agents`, and the lane frames of those `asked` (m,)."""
         if self._lane_map is None:
             return agents.yaw.copy(), NO_LANE_FRAMES
-        at, along = on_lanes(self._lane_map, agents.x, agents.y, agents.yaw)
-        heading = np.where(along, at.heading, agents.yaw)
+        nearest, along = on_lanes(self._lane_map, agents.x, agents.y, agents.yaw)
+        heading = np.where(along, nearest.heading, agents.yaw)
         if self._lanes is None:
             return heading, NO_LANE_FRAMES
-        return heading, self._lanes.ahead(at.take(asked), along[asked], agents.speed[asked])
+        return heading, self._lanes.ahead(nearest.take(asked), along[asked], agents.speed[asked])
 
     def _answer(self, inputs: AgentInputs, asked: IntArray, scene: IntArray, maneuver: int | None) -> AgentFutures:
         """Returns the network's output for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""

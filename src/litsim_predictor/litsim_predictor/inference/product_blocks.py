@@ -55,7 +55,9 @@ def _adds_block(rows: int, registers: int) -> Any:
             return builder.bitcast(cell, kind.as_pointer())
 
         places = [[place(out, row, columns, column) for column in along] for row in down]
-        sums = [[cgutils.alloca_once_value(builder, builder.load(at, align=4)) for at in row] for row in places]
+        sums = [
+            [cgutils.alloca_once_value(builder, builder.load(pointer, align=4)) for pointer in row] for row in places
+        ]
         with cgutils.for_range(builder, inner) as loop:
             weights = [builder.load(place(weight, loop.index, columns, column), align=4) for column in along]
             for row, of_row in zip(down, sums, strict=True):
@@ -65,8 +67,8 @@ def _adds_block(rows: int, registers: int) -> Any:
                 for total, factor in zip(of_row, weights, strict=True):
                     builder.store(builder.call(fused, [everywhere, factor, builder.load(total)]), total)
         for at_row, of_row in zip(places, sums, strict=True):
-            for at, total in zip(at_row, of_row, strict=True):
-                builder.store(builder.load(total), at, align=4)
+            for pointer, total in zip(at_row, of_row, strict=True):
+                builder.store(builder.load(total), pointer, align=4)
         return context.get_dummy_value()
 
     return add_block

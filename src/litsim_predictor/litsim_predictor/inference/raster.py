@@ -57,8 +57,8 @@ def cut_out(x: Floats, y: Floats, cos: Floats, sin: Floats, turn: Ints, cells: S
     """
     rows, columns = cells.shape
     drawn, planes = cells.ravel(), out.reshape(len(x), CHANNELS, ROWS * COLUMNS)
-    at, cell = np.empty((ROWS, COLUMNS), np.int64), np.empty(ROWS * COLUMNS, np.int32)
-    found = at.ravel()
+    source, cell = np.empty((ROWS, COLUMNS), np.int64), np.empty(ROWS * COLUMNS, np.int32)
+    found = source.ravel()
     byte, nowhere = int32(255), int32(NO_DIRECTIONS)
     last_row, last_column = float32(rows - 1), float32(columns - 1)
     for i in range(len(x)):
@@ -69,7 +69,7 @@ def cut_out(x: Floats, y: Floats, cos: Floats, sin: Floats, turn: Ints, cells: S
                 column, row = float32(ahead_x - sin[i] * LEFT[c]), float32(ahead_y + cos[i] * LEFT[c])
                 column = column if float32(0.0) <= column < last_column else last_column
                 row = row if float32(0.0) <= row < last_row else last_row
-                at[r, c] = int64(row) * columns + int64(column)
+                source[r, c] = int64(row) * columns + int64(column)
         for k in range(ROWS * COLUMNS):
             cell[k] = drawn[found[k]]
         # The values looked up are classified in separate loops, so that the processor does many steps at a time.

@@ -126,14 +126,14 @@ def look_ahead(frame: Floats2, own: Singles, first: Ints, end: Ints, traffic: Tr
     """
     pose, speed, earlier, seen, _ = traffic
     places, one, none, some = len(KNOTS) - 2, float32(1.0), float32(0.0), float32(TRAFFIC_SOME)
-    known = np.empty(places * len(WIDTHS), np.float32)  # of the vehicles at a place whose earlier speed is known
+    shares = np.empty(places * len(WIDTHS), np.float32)  # of the vehicles at a place whose earlier speed is known
     blocks = _enclosed(pose)
     direction = np.empty((len(pose), 2), np.float32)
     for j in range(len(pose)):
         direction[j, 0], direction[j, 1] = np.cos(pose[j, 2]), np.sin(pose[j, 2])
     for i in range(len(frame)):
         features = out[i]
-        features[:], known[:] = none, none
+        features[:], shares[:] = none, none
         cos, sin = float32(np.cos(frame[i, 2])), float32(np.sin(frame[i, 2]))
         for b in range(first[i] // BLOCK, (end[i] + BLOCK - 1) // BLOCK):
             if not _reaches_ahead(blocks[b], frame[i], cos, sin):
@@ -158,9 +158,9 @@ def look_ahead(frame: Floats2, own: Singles, first: Ints, end: Ints, traffic: Tr
                         features[3 * place] += share * (speed[j] - own[i])
                         if seen[j]:
                             features[3 * place + 1] += share * (speed[j] - earlier[j])
-                            known[place] += share
+                            shares[place] += share
                         features[3 * place + 2] += share
-        for place in range(len(known)):
+        for place in range(len(shares)):
             features[3 * place] /= features[3 * place + 2] + some
-            features[3 * place + 1] /= known[place] + some
+            features[3 * place + 1] /= shares[place] + some
             features[3 * place + 2] = min(features[3 * place + 2], one)

@@ -122,8 +122,8 @@ class ImitationPolicy(Policy):
 
     def _noise(self, table: AgentTable, rows: np.ndarray) -> FloatArray:
         """Returns standard normal numbers (m, 2) for the agents in `rows` (m,), by their seeds, ids and the step."""
-        known = self._identities[np.searchsorted(self._agents, table.id[rows])].tolist()
-        drawn = [np.random.default_rng([*identity, table.step]).standard_normal(len(BOUNDS)) for identity in known]
+        identities = self._identities[np.searchsorted(self._agents, table.id[rows])].tolist()
+        drawn = [np.random.default_rng([*identity, table.step]).standard_normal(len(BOUNDS)) for identity in identities]
         return np.array(drawn)
 
 

@@ -55,12 +55,12 @@ class Rollout(Policy):
         forecast = self._predictor.forecast(table)
         agents = np.array([takeover.agent for takeover in listed], np.int64)
         rows, expected = table.rows(agents), forecast.rows(agents)
-        known = expected >= 0
+        is_forecast = expected >= 0
         acceleration, yaw_rate = np.zeros(len(rows)), np.zeros(len(rows))
-        if known.any():
+        if is_forecast.any():
             count = round(PREVIEW_S / forecast.dt)
-            futures = forecast.mean[expected[known], :count]
-            acceleration[known], yaw_rate[known] = along(table, rows[known], futures, forecast.dt)
+            futures = forecast.mean[expected[is_forecast], :count]
+            acceleration[is_forecast], yaw_rate[is_forecast] = along(table, rows[is_forecast], futures, forecast.dt)
         return ControlTable.of_policy(table, rows, acceleration, yaw_rate)
 
 

@@ -33,7 +33,7 @@ def action_space(size: int) -> gymnasium.Space[Array]:
 def loaded(scenario: Scenarios) -> list[Scenario]:
     """Returns the scenarios; raises InputError if one cannot be used."""
     several = [scenario] if isinstance(scenario, str | Scenario) else scenario
-    return [one if isinstance(one, Scenario) else Scenario.load(one) for one in several]
+    return [entry if isinstance(entry, Scenario) else Scenario.load(entry) for entry in several]
 
 
 def rewards(progress: float, observation: FloatArray, penalty: FloatArray) -> FloatArray:

@@ -55,7 +55,7 @@ class TakeoverVectorEnvironment(VectorEnv[Array, Array, np.ndarray]):
         if num_envs % vehicles:
             raise InputError(f"num_envs is {num_envs}, expected a multiple of vehicles ({vehicles})")
         scenarios = loaded(scenario)
-        longest = max(one.total_steps for one in scenarios)
+        longest = max(entry.total_steps for entry in scenarios)
         config = EnvironmentConfig(longest, vehicles, vehicles, radius, longest)
         self._course = Course(scenarios, config, penalty=penalty or PenaltyConfig())
         self._runs, self._steps_max, self._progress = num_envs // vehicles, steps_max, progress

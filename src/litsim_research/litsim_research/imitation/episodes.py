@@ -103,10 +103,10 @@ class TrafficEpisodes:
         contact[here] = touching.any(axis=1)
         off[here] = ramp(edge_clearance(after, on, self.batch.lane_map), EDGE_FROM, EDGE_FULL)
         brake[here] = ramp(-after.acceleration[on], *BRAKE)
-        log, at = self.batch.log, np.searchsorted(self.batch.log.ids, agents)
-        known = here & (log.last_step[at] >= after.step)
-        x, y = log.x[at[known], after.step], log.y[at[known], after.step]
-        error[known] = np.hypot(after.x[rows[known]] - x, after.y[rows[known]] - y)
+        log, log_rows = self.batch.log, np.searchsorted(self.batch.log.ids, agents)
+        recorded = here & (log.last_step[log_rows] >= after.step)
+        x, y = log.x[log_rows[recorded], after.step], log.y[log_rows[recorded], after.step]
+        error[recorded] = np.hypot(after.x[rows[recorded]] - x, after.y[rows[recorded]] - y)
         return TrafficStep(agents, np.clip(executed, -1.0, 1.0), contact, off, brake, error)
 
     def _near(self, table: AgentTable, count: int, radius: float) -> list[int]:

@@ -92,12 +92,12 @@ def collect(
             drive(scenes, policy, config.agents[stage], config.radius, config.horizon, generator)
             for scenes in _groups(drawn)
         ]
-        steps = sum(len(track) for one in some for track in one.tracks)
+        steps = sum(len(track) for driven in some for track in driven.tracks)
         missing, empty = missing - steps, 0 if steps else empty + len(drawn)
         if empty >= EMPTY_SCENES_MAX:
             raise _nobody_driven(f"{empty} scenes in a row", config)
         drives += some
-    return [track for one in drives for track in one.tracks], rates(drives)
+    return [track for driven in drives for track in driven.tracks], rates(drives)
 
 
 def validate(scenarios: Sequence[Scenario], policy: TrafficPolicy, config: ImitationTraining) -> dict[str, float]:
@@ -123,9 +123,9 @@ def validate(scenarios: Sequence[Scenario], policy: TrafficPolicy, config: Imita
 
 def rates(drives: Sequence[Drive]) -> dict[str, float]:
     """Returns, by name, agents, agent-steps, shares with a contact and off the road, and mean error at the end [m]."""
-    tracks = [track for one in drives for track in one.tracks]
-    contacts, off = (sum(one.faulty[k] for one in drives) for k in (0, 1))
-    errors = np.concatenate([one.errors for one in drives]) if drives else np.empty(0)
+    tracks = [track for drive in drives for track in drive.tracks]
+    contacts, off = (sum(drive.faulty[k] for drive in drives) for k in (0, 1))
+    errors = np.concatenate([drive.errors for drive in drives]) if drives else np.empty(0)
     return {
         "transitions": float(sum(len(track) for track in tracks)),
         "agents": float(len(tracks)),

@@ -171,10 +171,10 @@ class Moments:
         own, future = motions.pose[rows], _poses(source.scenario, chosen, step + np.arange(1, FUTURE + 1))
         if self._perturbation is not None:
             own, future = perturbed(own, future, log.speed[chosen, step], self._perturbation, random)
-        known = motions.there[rows][:, -2]
-        way = np.where(known, np.hypot(*(own[:, -1, :2] - own[:, -2, :2]).T), 0.0)
+        has_next = motions.there[rows][:, -2]
+        way = np.where(has_next, np.hypot(*(own[:, -1, :2] - own[:, -2, :2]).T), 0.0)
         rasters = source.painter.draw(step, motions, rows, own).copy() if painted else np.empty(len(rows), np.float32)
-        return Samples(rasters, relative(own[:, -1], future), way, known)
+        return Samples(rasters, relative(own[:, -1], future), way, has_next)
 
 
 def relative(present: FloatArray, future: FloatArray) -> FloatArray:
@@ -234,5 +234,5 @@ def _moved(pose: FloatArray, ahead: FloatArray, left: FloatArray, turn: FloatArr
 
 def _poses(scenario: Scenario, rows: IntArray, steps: IntArray) -> FloatArray:
     """Poses (m, k, 3) of the agents in `rows` (m,) of the log at `steps` (k,)."""
-    log, at = scenario.log, np.ix_(rows, steps)
-    return np.stack([log.x[at], log.y[at], log.yaw[at]], axis=-1)
+    log, index = scenario.log, np.ix_(rows, steps)
+    return np.stack([log.x[index], log.y[index], log.yaw[index]], axis=-1)

@@ -257,8 +257,8 @@ class Episodes:
         left = [task for task, is_here in zip(tasks, here.tolist(), strict=True) if is_here and task.agent not in now]
         seen = self._observer.features(self._with_tasks([*self._tasks, *left]) if left else self._scene)
         following = self.seen
-        at = {task.agent: k for k, task in enumerate([*self._tasks, *left])}
-        following[here] = seen[[at[agent] for agent in driven[here].tolist()]]
+        place = {task.agent: k for k, task in enumerate([*self._tasks, *left])}
+        following[here] = seen[[place[agent] for agent in driven[here].tolist()]]
         self.seen = seen[: len(self._tasks)]
         motion = np.zeros((len(driven), 3))
         rows = rows[here]

@@ -115,9 +115,9 @@ def penalties(
         outside &= edge_clearance(before, rows_before, lane_map) > EDGE_FULL
     touching, near = others_near(after, rows)
     if touching.any():
-        known = before.rows(after.id)
+        earlier = before.rows(after.id)
         was_touching, _ = others_near(before, rows_before)
-        touching &= (known < 0) | ~was_touching[:, known]
+        touching &= (earlier < 0) | ~was_touching[:, earlier]
     return Penalties(
         collision=np.asarray(touching.any(axis=1)),
         off_road=outside,
@@ -135,8 +135,8 @@ def displacement(before: AgentTable, after: AgentTable, agents: IntArray, log: L
     rows = log.ids.searchsorted(agents)
 
     def distance(table: AgentTable) -> FloatArray:
-        at, now = table.rows(agents), np.minimum(table.step, log.last_step[rows])
-        return np.hypot(table.x[at] - log.x[rows, now], table.y[at] - log.y[rows, now])
+        current, now = table.rows(agents), np.minimum(table.step, log.last_step[rows])
+        return np.hypot(table.x[current] - log.x[rows, now], table.y[current] - log.y[rows, now])
 
     return np.where(after.step <= log.last_step[rows], distance(after) - distance(before), 0.0)
 
@@ -149,8 +149,8 @@ def passed_on(penalty: FloatArray, agents: IntArray, because: IntArray) -> Float
         agents: (m,) ids, ascending.
         because: (m,) id of the agent that caused the takeover of each; ids that are not in `agents` are ignored.
     """
-    found, at = np.zeros(len(agents)), index_of(agents, because)
-    np.add.at(found, at[at >= 0], penalty[at >= 0])
+    found, causes = np.zeros(len(agents)), index_of(agents, because)
+    np.add.at(found, causes[causes >= 0], penalty[causes >= 0])
     return found
 
 

@@ -68,8 +68,8 @@ class SampledAgents:
             for k, (start, own) in enumerate(zip(starts, batch.tables(table), strict=True))
             for task in sampled_tasks(own, start.scenario, count, radius, config, start.random)
         ]
-        self._agents = [batch.agent(one.scene, one.task.agent) for one in self._sampled]
-        self._paths = PathBatch.of([one.task.path.points for one in self._sampled])
+        self._agents = [batch.agent(sampled.scene, sampled.task.agent) for sampled in self._sampled]
+        self._paths = PathBatch.of([sampled.task.path.points for sampled in self._sampled])
 
     def of(self, table: AgentTable, *, to_log_end: bool) -> list[Task]:
         """Current tasks of the sampled agents that are on the road in `table`; `to_log_end`: and not past their logs.
@@ -83,10 +83,10 @@ class SampledAgents:
         here = np.flatnonzero(on_way)
         if not len(here):
             return []
-        at, s = rows[here], np.zeros(len(rows))
-        s[here] = self._paths.project(here, table.x[at], table.y[at]).s
+        present, s = rows[here], np.zeros(len(rows))
+        s[here] = self._paths.project(here, table.x[present], table.y[present]).s
         begin, end = (ends[here].tolist() for ends in self._paths.window(s))
-        opponents = all_nearest(table, at).tolist()
+        opponents = all_nearest(table, present).tolist()
         found = []
         for k, opponent, i, j in zip(here.tolist(), opponents, begin, end, strict=True):
             if table.step > self._sampled[k].passed:
@@ -106,15 +106,18 @@ class SampledAgents:
         """
         others = np.full(len(agents), NOBODY)
         for k, agent in enumerate(agents.tolist()):
-            at = self._agents.index(agent)
-            scene = self._sampled[at].scene
-            start, taken = self._starts[scene], [one.task.agent for one in self._sampled if one.scene == scene]
+            index = self._agents.index(agent)
+            scene = self._sampled[index].scene
+            start, taken = (
+                self._starts[scene],
+                [sampled.task.agent for sampled in self._sampled if sampled.scene == scene],
+            )
             own = self._batch.table(scene, table)
             config, random = self._config, start.random
             for task in sampled_tasks(own, start.scenario, 1, self._radius, config, random, but=taken):
-                self._sampled[at] = self._begun(table.step, scene, task)
-                self._agents[at] = others[k] = self._batch.agent(scene, task.agent)
-        self._paths = PathBatch.of([one.task.path.points for one in self._sampled])
+                self._sampled[index] = self._begun(table.step, scene, task)
+                self._agents[index] = others[k] = self._batch.agent(scene, task.agent)
+        self._paths = PathBatch.of([sampled.task.path.points for sampled in self._sampled])
         return others
 
     def _begun(self, step: int, scene: int, task: DrivingTask) -> _SampledAgent:

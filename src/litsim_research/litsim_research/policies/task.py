@@ -51,13 +51,13 @@ def recorded_task(
 ) -> DrivingTask:
     """Draw the task of the agent in `row` of `table`, which follows `path`; `table` and `log` share their ids."""
     agent = int(table.id[row])
-    at = log.row(agent)
+    log_row = log.row(agent)
     ahead = int(random.integers(config.goal_steps[0], config.goal_steps[1] + 1))
-    first = int(np.argmax(log.valid[at]))
-    there = min(max(table.step + ahead, first), int(log.last_step[at]))
+    first = int(np.argmax(log.valid[log_row]))
+    there = min(max(table.step + ahead, first), int(log.last_step[log_row]))
     late = round(float(random.normal(0.0, config.goal_jitter)) / STEP_S)
     opponent = nearest(table, row) if random.random() < config.opponent_share else NOBODY
-    goal = np.array([log.x[at, there], log.y[at, there]])
+    goal = np.array([log.x[log_row, there], log.y[log_row, there]])
     return DrivingTask(agent, path, goal, there + late, opponent)
 
 

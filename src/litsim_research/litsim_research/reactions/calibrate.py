@@ -58,8 +58,8 @@ class Candidate(NamedTuple):
 
     def drive(self, starts: Starts) -> tuple[FloatArray, FloatArray]:
         """Returns fronts [m] and speeds [m/s] of the followers of `starts`, as :func:`driven`."""
-        known = np.isfinite(self.looks)
-        headway = headways_of(starts, self.model, self.looks) if known else np.full(len(starts), self.headway)
+        looks_back = np.isfinite(self.looks)
+        headway = headways_of(starts, self.model, self.looks) if looks_back else np.full(len(starts), self.headway)
         return driven(starts, headway, self.model)
 
 

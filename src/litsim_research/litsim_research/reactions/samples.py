@@ -42,11 +42,11 @@ def samples_of(tracks: Iterable[FollowingTrack]) -> Samples:
 def _of_track(track: FollowingTrack) -> Samples:
     """Returns the samples of one track, by the estimators with which logs are judged."""
     speed, leader = smoothed(track.speed), track.leader_speed
-    at = np.arange(BACK, len(track) - LOOK, STRIDE)
-    change = speed[at + LOOK] - speed[at]
-    acceleration = (leader[at] - leader[at - BACK]) / (BACK * STEP_S)
-    headway = usual_headways(track, at)
-    features = features_of(speed[at], track.gap[at], speed[at] - leader[at], acceleration, headway)
+    moments = np.arange(BACK, len(track) - LOOK, STRIDE)
+    change = speed[moments + LOOK] - speed[moments]
+    acceleration = (leader[moments] - leader[moments - BACK]) / (BACK * STEP_S)
+    headway = usual_headways(track, moments)
+    features = features_of(speed[moments], track.gap[moments], speed[moments] - leader[moments], acceleration, headway)
     plausible = np.abs(change) < CHANGE_MAX
     return Samples(features[plausible], change[plausible])
 
@@ -57,11 +57,11 @@ def smoothed(speed: FloatArray) -> FloatArray:
     return np.convolve(np.pad(speed, SMOOTHING, mode="edge"), np.full(width, 1.0 / width), "valid")
 
 
-def usual_headways(track: FollowingTrack, at: IntArray) -> FloatArray:
+def usual_headways(track: FollowingTrack, moments: IntArray) -> FloatArray:
     """Returns the usual headways [s] of the follower by the steps `at`; see :mod:`litsim_policy.motion.habits`."""
     counts = (track.gap < GAP_MAX) & (track.speed >= SPEED_MIN)
     headway = np.where(counts, track.gap / np.maximum(track.speed, SPEED_MIN), 0.0)
-    back = at[:, None] - np.arange(0, WINDOW + 1, STRIDE)
+    back = moments[:, None] - np.arange(0, WINDOW + 1, STRIDE)
     there = back >= 0
     total = np.where(there, headway[np.maximum(back, 0)], 0.0).sum(axis=1)
     number = (there & counts[np.maximum(back, 0)]).sum(axis=1)

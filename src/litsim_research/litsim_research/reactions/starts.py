@@ -68,32 +68,32 @@ class Starts:
         parts = []
         for track in tracks:
             driver = numbers.setdefault((track.site, track.period, track.follower), len(numbers))
-            at = np.arange(BACK, len(track) - STEPS, APART)
-            at = at[track.speed[at] > SPEED_MIN]
-            if len(at):
-                parts.append(cls._of_track(track, at, driver))
+            moments = np.arange(BACK, len(track) - STEPS, APART)
+            moments = moments[track.speed[moments] > SPEED_MIN]
+            if len(moments):
+                parts.append(cls._of_track(track, moments, driver))
         names = [field.name for field in fields(cls)]
         return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
     @classmethod
-    def _of_track(cls, track: FollowingTrack, at: IntArray, driver: int) -> Starts:
+    def _of_track(cls, track: FollowingTrack, moments: IntArray, driver: int) -> Starts:
         """Returns the starts at the steps `at` of one track."""
-        onwards, begin = at[:, None] + np.arange(STEPS + 1), track.front[at, None]
+        onwards, begin = moments[:, None] + np.arange(STEPS + 1), track.front[moments, None]
         leader_speed = track.leader_speed[onwards]
-        back = at[:, None] - np.arange(0, WINDOW + 1, STRIDE)
+        back = moments[:, None] - np.arange(0, WINDOW + 1, STRIDE)
         there, back = back >= 0, np.maximum(back, 0)
         before = np.maximum(np.arange(len(track)) - BACK, 0)
         change, leader_change = (speed - speed[before] for speed in (track.speed, track.leader_speed))
         looks = np.stack([track.speed[back], change[back], track.gap[back], track.leader_speed[back]], axis=-1)
         return cls(
-            driver=np.full(len(at), driver),
+            driver=np.full(len(moments), driver),
             brakes=leader_speed[:, 0] - leader_speed[:, : BRAKING_STEPS + 1].min(axis=1) >= SPEED_LOST,
             front=track.front[onwards] - begin,
             speed=track.speed[onwards],
             leader_rear=track.leader_rear[onwards] - begin,
             leader_speed=leader_speed,
             leader_change=leader_change[onwards],
-            change=change[at],
+            change=change[moments],
             looks=np.where(there[..., None], looks, 0.0),
         )
 
@@ -128,13 +128,15 @@ def headway_spread(starts: Starts, model: IdmValues, looks: float) -> float:
     It is the standard deviation of the logarithm of their ratio, as far as it lasts: from the covariance of what the
     first and the second half of the steps after the moment tell.
     """
-    known = headways_of(starts, model, looks)
+    headways = headways_of(starts, model, looks)
     halves = []
     for last in (STEPS // 2, STEPS):
-        at = np.arange(last, last - STEPS // 2, -STRIDE)
-        change = starts.speed[:, at] - starts.speed[:, at - BACK]
-        seen = np.stack([starts.speed[:, at], change, starts.gap[:, at], starts.leader_speed[:, at]], axis=-1)
-        halves.append(_headways(np.ascontiguousarray(seen), model, 0.0) / known)
+        moments = np.arange(last, last - STEPS // 2, -STRIDE)
+        change = starts.speed[:, moments] - starts.speed[:, moments - BACK]
+        seen = np.stack(
+            [starts.speed[:, moments], change, starts.gap[:, moments], starts.leader_speed[:, moments]], axis=-1
+        )
+        halves.append(_headways(np.ascontiguousarray(seen), model, 0.0) / headways)
     both = np.log(np.stack(halves)[:, np.isfinite(halves).all(axis=0)])
     return float(np.sqrt(np.cov(both)[0, 1]))
 

@@ -117,9 +117,9 @@ def save(networks: list[nn.Sequential], path: Path, about: dict[str, str]) -> No
     """Write `networks` as :mod:`litsim_policy.motion.speed_change` reads them, with `about` on their origin."""
     tensors: dict[str, Tensor] = {}
     states = [network.state_dict() for network in networks]
-    for layer, at in zip(LAYERS, (0, 2, 4), strict=True):
-        tensors[f"{layer}.weight"] = torch.stack([state[f"{at}.weight"].T for state in states])
-        tensors[f"{layer}.bias"] = torch.stack([state[f"{at}.bias"] for state in states])
+    for layer, number in zip(LAYERS, (0, 2, 4), strict=True):
+        tensors[f"{layer}.weight"] = torch.stack([state[f"{number}.weight"].T for state in states])
+        tensors[f"{layer}.bias"] = torch.stack([state[f"{number}.bias"] for state in states])
     save_weights(tensors, {"format": FORMAT, **about}, path)
 
 

@@ -72,13 +72,13 @@ def walks_or_cycles(kind: int) -> bool:
 @kernel
 def index_of(ids: Ints, agents: Ints) -> Ints:
     """Returns the indices (m,) of `agents` (m,) in the ascending `ids` (n,); -1 for those that are not there."""
-    index, at = np.full(len(agents), -1, np.int64), 0
+    index, place = np.full(len(agents), -1, np.int64), 0
     for k in range(len(agents)):
-        if at == len(ids) or ids[at] != agents[k]:  # the agent is not the next of the ids
-            at = np.searchsorted(ids, agents[k])
-        if at < len(ids) and ids[at] == agents[k]:
-            index[k] = at
-            at += 1
+        if place == len(ids) or ids[place] != agents[k]:  # the agent is not the next of the ids
+            place = np.searchsorted(ids, agents[k])
+        if place < len(ids) and ids[place] == agents[k]:
+            index[k] = place
+            place += 1
     return index
 
 
@@ -144,8 +144,8 @@ class AgentRows:
 
     def take(self, rows: IntArray | BoolArray) -> Self:
         """Returns a table of the agents in `rows`, which are ascending positions or a mask (n,)."""
-        at = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
-        return type(self)(self.step, *[column[at] for column in COLUMNS(self)])
+        indices = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
+        return type(self)(self.step, *[column[indices] for column in COLUMNS(self)])
 
     @cached_property
     def obstacle(self) -> BoolArray:

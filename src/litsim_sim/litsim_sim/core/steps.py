@@ -130,9 +130,9 @@ class Steps(Sequence[AgentTable]):
         if not len(self.ids):
             return np.full(len(ids), -1, np.int64)
         order, keys = self._by_agent
-        at = np.minimum(self.ids.searchsorted(ids), len(self.ids) - 1)
-        last = keys.searchsorted(at * len(self) + np.minimum(number, len(self) - 1), "right") - 1
-        there = (number >= 0) & (self.ids[at] == ids) & (keys[last] >= at * len(self)) & (last >= 0)
+        column = np.minimum(self.ids.searchsorted(ids), len(self.ids) - 1)
+        last = keys.searchsorted(column * len(self) + np.minimum(number, len(self) - 1), "right") - 1
+        there = (number >= 0) & (self.ids[column] == ids) & (keys[last] >= column * len(self)) & (last >= 0)
         return np.where(there, order[last], -1)
 
     def rows_at(self, number: IntArray, ids: IntArray) -> IntArray:
@@ -155,10 +155,10 @@ class Steps(Sequence[AgentTable]):
             rows = whole.track(agent) - whole.begin[first]
             return rows[rows >= 0]
         order, keys = self._by_agent
-        at = int(self.ids.searchsorted(agent))
-        if at == len(self.ids) or self.ids[at] != agent:
+        column = int(self.ids.searchsorted(agent))
+        if column == len(self.ids) or self.ids[column] != agent:
             return np.empty(0, np.int64)
-        begin, end = keys.searchsorted([at * len(self), (at + 1) * len(self)]).tolist()
+        begin, end = keys.searchsorted([column * len(self), (column + 1) * len(self)]).tolist()
         return order[begin:end]
 
     @cached_property
@@ -314,7 +314,7 @@ class StepsBuilder:
         steps = StoredSteps(self._file, step, np.cumsum([0, *size]))
         if (np.diff(step) < 0).any():
             ordered = StepsBuilder()
-            for at in np.argsort(step).tolist():
-                ordered.add(steps[at])
+            for index in np.argsort(step).tolist():
+                ordered.add(steps[index])
             return ordered.steps()
         return steps if len([*steps.blocks()]) > 1 else steps.part(0, len(steps))

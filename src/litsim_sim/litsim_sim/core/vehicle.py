@@ -102,7 +102,7 @@ class Actuators:
             self._queue.extend([self._now] * self._model.delay_steps)
         self._queue.append(self._model.within(acceleration, yaw_rate, speed))
         wanted = self._queue.popleft()
-        change = [self._gain * (to - at) for to, at in zip(wanted, self._now, strict=True)]
+        change = [self._gain * (to - value) for to, value in zip(wanted, self._now, strict=True)]
         most = self._model.jerk_max * STEP_S
         self._now = (self._now[0] + float(np.clip(change[0], -most, most)), self._now[1] + change[1])
         return self._now

@@ -349,12 +349,12 @@ def _machine() -> bytes:
 
 def _stamp(function: FunctionType, signature: Any) -> str:
     """Returns the hash of everything that the machine code of `function` depends on, as 16 hexadecimal digits."""
-    code, known = function.__code__, function.__globals__
+    code, names = function.__code__, function.__globals__
     digest = hashlib.sha256(_source_and_machine(code.co_filename))
     digest.update(f"{signature};".encode())
     for name in code.co_names:
-        if name in known:
-            digest.update(f"{name}={_constant(name, known[name])};".encode())
+        if name in names:
+            digest.update(f"{name}={_constant(name, names[name])};".encode())
     return digest.hexdigest()[:16]
 
 

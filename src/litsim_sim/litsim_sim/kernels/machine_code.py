@@ -39,8 +39,8 @@ def box_arrays_quickly() -> None:
     from numba.core import boxing  # a process that compiles nothing does not need it
 
     def box_array(array: Any, value: Any, context: Any) -> Any:
-        api, known = context.pyapi, context.env_manager
-        array_class = known.read_const(known.add_const(array.box_type))
+        api, environment = context.pyapi, context.env_manager
+        array_class = environment.read_const(environment.add_const(array.box_type))
         api.unserialize = lambda _: array_class  # for this object only, and restored below
         try:
             return boxing.box_array(array, value, context)

@@ -168,11 +168,11 @@ def nearest_segments(
                 cost = _cost(x[i], y[i], cos[i], sin[i], turn, segments, handicap, segment)
                 if cost < least:
                     nearest[i], least = segment, cost
-        at = nearest[i]
-        dx, dy = x[i] - segments.start_x[at], y[i] - segments.start_y[at]
-        along = dx * segments.cos[at] + dy * segments.sin[at]
-        place[0, i] = segments.start_s[at] + within(along, 0.0, segments.size[at])
-        place[1, i] = dy * segments.cos[at] - dx * segments.sin[at]
+        index = nearest[i]
+        dx, dy = x[i] - segments.start_x[index], y[i] - segments.start_y[index]
+        along = dx * segments.cos[index] + dy * segments.sin[index]
+        place[0, i] = segments.start_s[index] + within(along, 0.0, segments.size[index])
+        place[1, i] = dy * segments.cos[index] - dx * segments.sin[index]
     return nearest, place
 
 
@@ -194,8 +194,10 @@ def any_within(x: Floats, y: Floats, grid: GridArrays, segments: SegmentArrays, 
 def _segment_at(lane: int, s: float, segments: SegmentArrays) -> int:
     """Returns the segment of a lane at an arc length `s` [m]; beyond its ends a lane is continued straight."""
     begin, end = segments.first[lane], segments.first[lane + 1]
-    at = begin + np.searchsorted(segments.start_s[begin:end], within(s, 0.0, segments.length[lane]), side="right") - 1
-    return int(min(max(at, begin), end - 1))
+    segment = (
+        begin + np.searchsorted(segments.start_s[begin:end], within(s, 0.0, segments.length[lane]), side="right") - 1
+    )
+    return int(min(max(segment, begin), end - 1))
 
 
 @kernel
@@ -212,15 +214,15 @@ def poses_along(lane: Ints, s: Floats, following: Ints, steps: int, step: float,
     """See :meth:`.LaneMap.poses_along`; `following` is the lane that follows each lane, -1 where none does."""
     poses = np.empty((len(lane), steps, 3))
     for i in range(len(lane)):
-        here, at = lane[i], s[i]
+        here, place = lane[i], s[i]
         for k in range(steps):
-            while at > segments.length[here] and following[here] >= 0:
-                at -= segments.length[here]
+            while place > segments.length[here] and following[here] >= 0:
+                place -= segments.length[here]
                 here = following[here]
-            segment = _segment_at(here, at, segments)
-            along = at - segments.start_s[segment]
+            segment = _segment_at(here, place, segments)
+            along = place - segments.start_s[segment]
             poses[i, k, 0] = segments.start_x[segment] + along * segments.cos[segment]
             poses[i, k, 1] = segments.start_y[segment] + along * segments.sin[segment]
             poses[i, k, 2] = segments.heading[segment]
-            at += step
+            place += step
     return poses

@@ -113,8 +113,8 @@ class BatchedScenario:
     @property
     def actors(self) -> tuple[tuple[int, Act], ...]:
         """See :attr:`.scenario.Scenario.actors`, with the ids of the batch."""
-        each = enumerate(self.scenarios)
-        return tuple((self.agent(scene, agent), act) for scene, scenario in each for agent, act in scenario.actors)
+        numbered = enumerate(self.scenarios)
+        return tuple((self.agent(scene, agent), act) for scene, scenario in numbered for agent, act in scenario.actors)
 
     def tables(self, table: AgentTable) -> list[AgentTable]:
         """Splits `table` by scene, with the ids of the recordings."""

@@ -258,11 +258,11 @@ def _lags(log_x: Floats2, log_y: Floats2, valid: Bools2, rows: Ints, step: int, 
 
 
 @kernel
-def _on_road(valid: Bools2, at: Ints) -> Ints:
+def _on_road(valid: Bools2, steps: Ints) -> Ints:
     """Returns the rows of the agents that are on the road, by `valid` (n, steps), at their steps `at` (n,)."""
-    rows, count = np.empty(len(at), np.int64), 0
-    for i in range(len(at)):
-        if 0 <= at[i] < valid.shape[1] and valid[i, at[i]]:
+    rows, count = np.empty(len(steps), np.int64), 0
+    for i in range(len(steps)):
+        if 0 <= steps[i] < valid.shape[1] and valid[i, steps[i]]:
             rows[count] = i
             count += 1
     return rows[:count].copy()

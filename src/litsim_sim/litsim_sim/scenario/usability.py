@@ -46,12 +46,14 @@ def survey(paths: Iterable[Path], sources: Sequence[Sources | None]) -> list[Usa
 
 def describe(results: Sequence[Usability]) -> str:
     """Returns a text on how many scenarios can and cannot be loaded, with the errors of the first of the latter."""
-    shares = [each.coverage for each in results if each.coverage is not None]
-    lacking = [each for each in results if each.lacks]
+    shares = [result.coverage for result in results if result.coverage is not None]
+    lacking = [result for result in results if result.lacks]
     range_text = f"; {min(shares):.1%} to {max(shares):.1%} of the box centres on lanes" if shares else ""
     lines = [f"{len(shares)} of {len(results)} scenarios can be loaded{range_text}"]
-    lines += [f"{count} cannot for their {lacks}" for lacks, count in Counter(each.lacks for each in lacking).items()]
-    lines += [f"  {each.why}" for each in lacking[:SHOWN]]
+    lines += [
+        f"{count} cannot for their {lacks}" for lacks, count in Counter(result.lacks for result in lacking).items()
+    ]
+    lines += [f"  {result.why}" for result in lacking[:SHOWN]]
     if len(lacking) > SHOWN:
         lines.append(f"  and {len(lacking) - SHOWN} more")
     return "\n".join(lines)

@@ -61,15 +61,15 @@ class _Late:
 
     def delayed(self, table: AgentTable, controls: ControlTable) -> ControlTable:
         """Returns `controls` with the acceleration of the agent from some steps ago; at first, what it has anyway."""
-        (at,) = (controls.id == self._agent).nonzero()
-        if not len(at):
+        (row,) = (controls.id == self._agent).nonzero()
+        if not len(row):
             self._coming.clear()  # it is on its log
             return controls
         if not self._coming:
             self._coming.extend([float(table.acceleration[table.row(self._agent)])] * self._steps)
         acceleration = controls.acceleration.copy()
-        self._coming.append(float(acceleration[at[0]]))
-        acceleration[at[0]] = self._coming.popleft()
+        self._coming.append(float(acceleration[row[0]]))
+        acceleration[row[0]] = self._coming.popleft()
         return replace(controls, acceleration=acceleration)
 
 
@@ -125,8 +125,8 @@ class _Actor:
         if isinstance(self._act, Brake):
             return -self._act.deceleration, yaw_rate
         if isinstance(self._act, LaneChange):  # by the time: it keeps up with the lane that it comes from
-            at = min(max(table.step - int(self._scenario.log.first_step[self._row]), 0), len(self._logged_speed) - 1)
-            wanted = float(self._logged_speed[at])
+            step = min(max(table.step - int(self._scenario.log.first_step[self._row]), 0), len(self._logged_speed) - 1)
+            wanted = float(self._logged_speed[step])
         else:
             wanted = float(self._logged_speed[nearest]) * (self._act.factor if isinstance(self._act, Pace) else 1.0)
         return min(max(SPEED_GAIN * (wanted - speed), -DECELERATION_MAX), ACCELERATION_MAX), yaw_rate
@@ -136,8 +136,8 @@ class _Actor:
         assert isinstance(self._act, LaneChange)
         lane_map = self._scenario.lane_map
         pose = table.x[row], table.y[row], table.yaw[row]
-        at = lane_map.nearest(*(np.array([value]) for value in pose))
-        here, heading = lane_map.lanes[int(at.lane[0])], float(at.heading[0])
+        nearest = lane_map.nearest(*(np.array([value]) for value in pose))
+        here, heading = lane_map.lanes[int(nearest.lane[0])], float(nearest.heading[0])
         to_left = here.left is not None
         if isinstance(self._act, CutIn):
             egos = (table.of_ego & (table.scene == table.scene[row])).nonzero()[0]
@@ -150,14 +150,16 @@ class _Actor:
             return None
         beside = lane_map.lanes[lane_map.row(name)]
         offset = 0.5 * (here.width + beside.width) * (1.0 if to_left else -1.0)
-        centre = lane_map.path_from(lane_map.row(name), float(at.s[0]) * beside.length / here.length, CHANGE_LENGTH)
+        centre = lane_map.path_from(
+            lane_map.row(name), float(nearest.s[0]) * beside.length / here.length, CHANGE_LENGTH
+        )
         along = arc_lengths(centre)
         marks = np.arange(0.0, along[-1], 1.0)
         points = np.column_stack([np.interp(marks, along, centre[:, axis]) for axis in (0, 1)])
         direction = np.gradient(points, axis=0)
         normal = np.column_stack([-direction[:, 1], direction[:, 0]]) / np.hypot(*direction.T)[:, None]
         u = np.clip(marks / (self._act.duration_s * max(float(table.speed[row]), 3.0)), 0.0, 1.0)
-        still = (float(at.d[0]) - offset) * (1.0 - smooth_step(u))  # [m] left of the new lane's centre
+        still = (float(nearest.d[0]) - offset) * (1.0 - smooth_step(u))  # [m] left of the new lane's centre
         return np.asarray(points + still[:, None] * normal, np.float64)
 
 

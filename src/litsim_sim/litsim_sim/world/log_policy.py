@@ -55,8 +55,8 @@ class Residual:
     def between(cls, table: AgentTable, row: int, logged: AgentTable, logged_row: int) -> Residual:
         """Returns the residual of the agent in `row` of `table` against the same agent in `logged`."""
 
-        def velocity(at: AgentTable, i: int) -> np.ndarray:
-            return at.speed[i] * np.array([np.cos(at.yaw[i]), np.sin(at.yaw[i])])
+        def velocity(table: AgentTable, i: int) -> np.ndarray:
+            return table.speed[i] * np.array([np.cos(table.yaw[i]), np.sin(table.yaw[i])])
 
         position = np.array([table.x[row] - logged.x[logged_row], table.y[row] - logged.y[logged_row]])
         rate = velocity(table, row) - velocity(logged, logged_row)
@@ -111,8 +111,8 @@ class LogPolicy:
         """
         row, log_row = table.row(agent), self.log.row(agent)
         self._prepared = None
-        at, place = np.array([log_row]), slice(row, row + 1)
-        self._lag[at] = self.log.lags(at, table.step, table.x[place], table.y[place]) if with_lag else 0
+        log_rows, place = np.array([log_row]), slice(row, row + 1)
+        self._lag[log_rows] = self.log.lags(log_rows, table.step, table.x[place], table.y[place]) if with_lag else 0
         logged = self.log.table(table.step, self._lag)
         logged_row = logged.row(agent)
         if logged_row >= 0:

@@ -101,11 +101,11 @@ class SumoMirror:
 
     def deviation(self, table: AgentTable) -> FloatArray:
         """Returns the distance (n,) [m] between front centres in SUMO and where `show` put them; inf if absent."""
-        known = set(libsumo.vehicle.getIDList())
+        in_sumo = set(libsumo.vehicle.getIDList())
         names = [str(agent) for agent in table.id.tolist()]
-        at = np.array([libsumo.vehicle.getPosition(n) if n in known else (np.inf, np.inf) for n in names])
-        at = at.reshape(-1, 2)
-        return np.hypot(at[:, 0] - self._front[0], at[:, 1] - self._front[1])
+        front = np.array([libsumo.vehicle.getPosition(n) if n in in_sumo else (np.inf, np.inf) for n in names])
+        front = front.reshape(-1, 2)
+        return np.hypot(front[:, 0] - self._front[0], front[:, 1] - self._front[1])
 
     def close(self) -> None:
         """End the simulation."""

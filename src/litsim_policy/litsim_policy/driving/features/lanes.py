@@ -43,21 +43,21 @@ class LaneFeatures:
 
     def write(self, agents: PathFollowers, first: int, features: FloatArray) -> None:
         """Write the features of `agents` into `features` (m, size), from the position `first` on."""
-        at = agents.lane
-        around = self._lane_map.headings_around(at.lane, at.s, 0.5 * CURVE_LENGTH)
-        _write(at, around, agents.yaw, self._widths, first, features)
+        lane = agents.lane
+        around = self._lane_map.headings_around(lane.lane, lane.s, 0.5 * CURVE_LENGTH)
+        _write(lane, around, agents.yaw, self._widths, first, features)
 
 
 @kernel
 def _write(
-    at: LanePosition, around: Floats2, yaw: Floats, widths: RoadWidths, first: int, features: OutFloats2
+    position: LanePosition, around: Floats2, yaw: Floats, widths: RoadWidths, first: int, features: OutFloats2
 ) -> None:
     """Write the ROAD features of m agents with headings `yaw` into `features` (m, size), from the position `first` on.
 
     `around` (m, 2) are headings of the lane half of CURVE_LENGTH behind and ahead [rad].
     """
     for i in range(len(yaw)):
-        lane, d, half_width = at.lane[i], at.d[i], widths.half_width[at.lane[i]]
+        lane, d, half_width = position.lane[i], position.d[i], widths.half_width[position.lane[i]]
         marker_left, marker_right = half_width - d, half_width + d
         features[i, first] = marker_left / LATERAL
         features[i, first + 1] = marker_right / LATERAL
@@ -65,7 +65,7 @@ def _write(
         features[i, first + 3] = (marker_right + widths.to_right[lane]) / EDGE
         features[i, first + 4] = d / LATERAL
         features[i, first + 5] = wrapped(around[i, 1] - around[i, 0]) / CURVE_LENGTH / CURVATURE
-        features[i, first + 6] = wrapped(yaw[i] - at.heading[i]) / HEADING
+        features[i, first + 6] = wrapped(yaw[i] - position.heading[i]) / HEADING
 
 
 def _width_beyond(lane_map: LaneMap, row: int, side: Literal["left", "right"]) -> float:

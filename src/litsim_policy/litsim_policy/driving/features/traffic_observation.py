@@ -90,13 +90,13 @@ def _beams(agents: AgentArrays, rows: Ints, own_poses: PoseArrays) -> tuple[Floa
                 enter, leave = 0.0, BEAM
                 # the ray is within the box where it is between both pairs of opposite sides
                 if abs(ray_x) > 1e-9:
-                    one, other = (-half_length - along) / ray_x, (half_length - along) / ray_x
-                    enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
+                    first, second = (-half_length - along) / ray_x, (half_length - along) / ray_x
+                    enter, leave = max(enter, min(first, second)), min(leave, max(first, second))
                 elif abs(along) > half_length:
                     leave = -1.0
                 if abs(ray_y) > 1e-9:
-                    one, other = (-half_width - left) / ray_y, (half_width - left) / ray_y
-                    enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
+                    first, second = (-half_width - left) / ray_y, (half_width - left) / ray_y
+                    enter, leave = max(enter, min(first, second)), min(leave, max(first, second))
                 elif abs(left) > half_width:
                     leave = -1.0
                 if enter <= leave and enter < distance[i, k]:

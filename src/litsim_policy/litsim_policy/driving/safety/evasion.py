@@ -47,8 +47,8 @@ def evasive_commands(
             for s in range(3):
                 choices[i, 3 * place + s, 0], choices[i, 3 * place + s, 1] = accelerations[k], steering[s]
             for s in range(2):
-                at = 3 * strengths + 2 * place + s
-                choices[i, at, 0], choices[i, at, 1] = accelerations[k], swerves[s]
+                choice = 3 * strengths + 2 * place + s
+                choices[i, choice, 0], choices[i, choice, 1] = accelerations[k], swerves[s]
     return choices
 
 

@@ -72,20 +72,20 @@ class SafetyLayer:
         """
         rows = agents.rows
         touches = self._first_touch(agents.table, rows, commands[:, None])[:, 0] < np.inf
-        at = touches.nonzero()[0]
-        if not len(at):
+        touching = touches.nonzero()[0]
+        if not len(touching):
             return commands, touches
         choices = evasive_commands(
-            commands[at],
-            agents.speed[at],
-            agents.table.yaw_rate[rows[at]],
-            agents.path_yaw_rate[at],
-            agents.lane_yaw_rate[at],
+            commands[touching],
+            agents.speed[touching],
+            agents.table.yaw_rate[rows[touching]],
+            agents.path_yaw_rate[touching],
+            agents.lane_yaw_rate[touching],
             self.config.braking_max,
         )
-        touch = self._first_touch(agents.table, rows[at], choices)
+        touch = self._first_touch(agents.table, rows[touching], choices)
         chosen = commands.copy()
-        chosen[at] = choices[np.arange(len(at)), best_choice(choices, touch)]
+        chosen[touching] = choices[np.arange(len(touching)), best_choice(choices, touch)]
         stands = -agents.speed / STEP_S  # [m/s2] with which agents stop within a step; harder has no effect
         moved = np.maximum(chosen[:, 0], stands) != np.maximum(commands[:, 0], stands)
         moved |= (chosen[:, 1] != commands[:, 1]) & (agents.speed > 0.0)

@@ -52,11 +52,11 @@ def find_neighbours(position: Singles2, i: int, reach: float, near: OutInts, far
         if j == i or apart >= within or (used == most and apart >= far[used - 1]):
             continue
         used = min(used + 1, most)  # where there are too many, the farthest is dropped
-        at = used - 1
-        while at > 1 and far[at - 1] > apart:
-            far[at], near[at] = far[at - 1], near[at - 1]
-            at -= 1
-        far[at], near[at] = apart, j
+        place = used - 1
+        while place > 1 and far[place - 1] > apart:
+            far[place], near[place] = far[place - 1], near[place - 1]
+            place -= 1
+        far[place], near[place] = apart, j
     return used
 
 

@@ -68,8 +68,8 @@ def split_halves(raster: Bytes3, planes: OutSingles) -> None:
         for y in range(ROWS):
             for x in range(COLUMNS):
                 plane = 4 * c + 2 * (y % 2) + x % 2
-                at = (plane * (HALF_ROWS + 1) + y // 2 + 1) * (HALF_COLUMNS + 1) + x // 2 + 1
-                planes[at] = float32(raster[c, y, x]) - float32(MAP_MIDDLE)
+                cell = (plane * (HALF_ROWS + 1) + y // 2 + 1) * (HALF_COLUMNS + 1) + x // 2 + 1
+                planes[cell] = float32(raster[c, y, x]) - float32(MAP_MIDDLE)
 
 
 @kernel
@@ -87,9 +87,9 @@ def pooled(convolved: Singles2, stride: int, planes: OutSingles) -> None:
     for c in range(len(convolved)):
         for y in range(QUARTER_ROWS):
             for x in range(QUARTER_COLUMNS):
-                at = 2 * y * stride + 2 * x
-                upper = max(convolved[c, at], convolved[c, at + 1])
-                lower = max(convolved[c, at + stride], convolved[c, at + stride + 1])
+                cell = 2 * y * stride + 2 * x
+                upper = max(convolved[c, cell], convolved[c, cell + 1])
+                lower = max(convolved[c, cell + stride], convolved[c, cell + stride + 1])
                 planes[(c * (QUARTER_ROWS + 2) + y + 1) * (QUARTER_COLUMNS + 2) + x + 1] = max(upper, lower)
 
 

@@ -75,14 +75,14 @@ def convolve(values: Singles3, weight: Singles2, bias: Singles, patches: OutSing
                 patch = patches[(channel * KERNEL + i) * KERNEL + j]
                 for r in range(half_rows):
                     # rows and columns are even: a kernel reaches beyond the first ones, and never beyond the last
-                    row, at = 2 * r + i - 1, r * half_columns
+                    row, begin = 2 * r + i - 1, r * half_columns
                     first = 1 if j == 0 else 0
                     if row < 0:
-                        patch[at : at + half_columns] = float32(0.0)
+                        patch[begin : begin + half_columns] = float32(0.0)
                         continue
-                    patch[at] = float32(0.0)
+                    patch[begin] = float32(0.0)
                     for c in range(first, half_columns):
-                        patch[at + c] = values[channel, row, 2 * c + j - 1]
+                        patch[begin + c] = values[channel, row, 2 * c + j - 1]
     rectified_product(weight, patches, bias, out)
 
 

@@ -262,14 +262,14 @@ def draw_rasters(
             mine = j == rows[i]
             for f in range(FRAMES):
                 if there[j, f]:
-                    at = own[i, f] if mine else pose[j, f]
-                    dx, dy = at[0] - x, at[1] - y
+                    box = own[i, f] if mine else pose[j, f]
+                    dx, dy = box[0] - x, box[1] - y
                     draw_box(
                         raster[(OWN if mine else OTHERS) + f],
                         origin_ahead + (cos * dx + sin * dy) / cell,
                         origin_left + (cos * dy - sin * dx) / cell,
-                        math.cos(at[2] - yaw),
-                        math.sin(at[2] - yaw),
+                        math.cos(box[2] - yaw),
+                        math.sin(box[2] - yaw),
                         0.5 * size[j, 0] / cell,
                         0.5 * size[j, 1] / cell,
                     )

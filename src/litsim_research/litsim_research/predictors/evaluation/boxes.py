@@ -19,7 +19,7 @@ def path_headings(path: FloatArray, yaw: FloatArray) -> FloatArray:
 
 
 def agents_that_overlap(
-    x: FloatArray, y: FloatArray, yaw: FloatArray, size: tuple[FloatArray, FloatArray], known: BoolArray
+    x: FloatArray, y: FloatArray, yaw: FloatArray, size: tuple[FloatArray, FloatArray], valid: BoolArray
 ) -> BoolArray:
     """Returns a mask (B, N) of the agents whose box overlaps that of another agent of the same scene at any instant.
 
@@ -28,15 +28,15 @@ def agents_that_overlap(
         size: lengths and widths (B, N) [m].
         known: (B, N, T) mask of the boxes that exist; the others overlap nothing.
     """
-    scene, agent, instant = np.nonzero(known)
-    hit = np.zeros(known.shape[:2], np.bool_)
+    scene, agent, instant = np.nonzero(valid)
+    hit = np.zeros(valid.shape[:2], np.bool_)
     if not len(scene):
         return hit
-    x, y, yaw = x[known], y[known], yaw[known]
+    x, y, yaw = x[valid], y[valid], yaw[valid]
     length, width = size[0][scene, agent], size[1][scene, agent]
     # One search for all scenes and instants: each is moved far to the right of the one before.
     apart = np.ptp(x) + 2.0 * float(np.hypot(length, width).max())
-    x = x - x.min() + apart * (scene * known.shape[2] + instant)
+    x = x - x.min() + apart * (scene * valid.shape[2] + instant)
     pairs = overlapping_pairs(x, y, yaw, length, width)
     hit[scene[pairs], agent[pairs]] = True
     return hit

@@ -54,9 +54,9 @@ class PairScores:
             second: horizon, one of :data:`SECONDS`.
             thresholds: (t,) probabilities from which on an overlap counts as predicted.
         """
-        at = SECONDS.index(second)
-        known = self.known[:, at]
-        probability, real = self.probability[known, at], self.real[known, at]
+        column = SECONDS.index(second)
+        valid = self.known[:, column]
+        probability, real = self.probability[valid, column], self.real[valid, column]
         predicted = probability[:, None] >= thresholds
         hit = (predicted & real[:, None]).sum(axis=0).astype(np.float64)
         count = predicted.sum(axis=0)

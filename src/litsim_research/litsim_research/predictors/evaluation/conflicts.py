@@ -49,9 +49,9 @@ class ConflictCounts:
     pairs: IntArray
 
     @classmethod
-    def of(cls, predicted: BoolArray, real: BoolArray, known: BoolArray) -> ConflictCounts:
+    def of(cls, predicted: BoolArray, real: BoolArray, valid: BoolArray) -> ConflictCounts:
         """Returns the counts of n pairs; masks (n, 5), by horizon: predicted conflicts, real ones, counted pairs."""
-        masks = predicted & real & known, predicted & ~real & known, ~predicted & real & known, known
+        masks = predicted & real & valid, predicted & ~real & valid, ~predicted & real & valid, valid
         return cls(*(mask.sum(axis=0) for mask in masks))
 
     def __add__(self, other: ConflictCounts) -> ConflictCounts:
@@ -157,14 +157,14 @@ def _scenes(scenario: Scenario, drive: Drive, signals: bool) -> Iterator[_Scene]
             continue
         later = step + STRIDE * np.arange(1, HORIZON + 1)
         own = np.minimum(later, steps - 1)
-        at = np.minimum(later, log.steps - 1)
+        instants = np.minimum(later, log.steps - 1)
         near = others[valid & ~met & (np.hypot(dx, dy) <= scenario.roi_m)]
         rows = tracks.rows_at(scenario.start_frame + step)
         past, observed = tracks.history(rows)
         inputs = agent_inputs(tracks.motion[past], observed, tracks.size[rows], tracks.heading[rows], tracks.raster)
         inside = np.hypot(*(tracks.motion[rows, :2] - (drive.x[step], drive.y[step])).T) <= scenario.roi_m
         rows = rows[inside]
-        grid = np.ix_(near, at)
+        grid = np.ix_(near, instants)
         yield _Scene(
             inputs=inputs.take(inside),
             lane_frames=tracks.lane_frames(rows),
@@ -188,9 +188,9 @@ def _tracks(scenario: Scenario, drive: Drive, signals: bool) -> Tracks:
     ego = table["vehicle_id"].to_numpy() == drive.ego
     table = table[~ego | (step < len(drive.x))].copy()
     ego = table["vehicle_id"].to_numpy() == drive.ego
-    at = table.loc[ego, "frame"].to_numpy() - scenario.start_frame
+    steps = table.loc[ego, "frame"].to_numpy() - scenario.start_frame
     for column in ("x", "y", "yaw", "speed"):
-        table.loc[ego, column] = getattr(drive, column)[at]
+        table.loc[ego, column] = getattr(drive, column)[steps]
     shown = scenario.signals if signals else None
     return Tracks.from_table(scenario.name, table, scenario.net_path, signals=shown, begin=scenario.start_frame)
 

@@ -52,8 +52,8 @@ def load_models(names: Sequence[str], device: str, *, along_lanes: bool) -> dict
     ordered = dict.fromkeys([REFERENCE, *names])
     for name in ordered:
         if name not in (*COMPARED, ON_STREETS) and not Path(name).is_file():
-            known = ", ".join((*COMPARED, ON_STREETS))
-            raise InputError(f"--models {name}: no such model, expected one of {known}, or a file of weights")
+            choices = ", ".join((*COMPARED, ON_STREETS))
+            raise InputError(f"--models {name}: no such model, expected one of {choices}, or a file of weights")
     models = {name: KINEMATIC[name]() if name in KINEMATIC else load_model(name)[0] for name in ordered}
     if along_lanes:
         models |= {name: AlongLanes(model) for name, model in models.items() if name not in KINEMATIC}

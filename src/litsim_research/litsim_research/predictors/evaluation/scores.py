@@ -85,8 +85,8 @@ def scored_agents(batch: SceneBatch) -> Tensor:
 def best_of(values: Tensor, maneuver: Tensor) -> Tensor:
     """Returns the values (B, N, ...) of the manoeuvres `maneuver` (B, N), from `values` (B, N, K, ...)."""
     scenes, agents = maneuver.shape
-    at = (torch.arange(scenes, device=values.device)[:, None], torch.arange(agents, device=values.device)[None])
-    return values[at[0], at[1], maneuver]
+    index = (torch.arange(scenes, device=values.device)[:, None], torch.arange(agents, device=values.device)[None])
+    return values[index[0], index[1], maneuver]
 
 
 class ScoreBoard:
@@ -181,13 +181,13 @@ class ScoreBoard:
 
         Both are counted for the agents and instants of which the true future is known.
         """
-        known = (batch.agent[..., None] & batch.future_known).cpu().numpy()
+        valid = (batch.agent[..., None] & batch.future_known).cpu().numpy()
         frame = np.concatenate([numbers(batch.position), numbers(batch.heading)[..., None]], axis=-1)
         state = numbers(batch.state)
         counts = []
         for path in (numbers(mean), numbers(batch.future)):
             box = in_map(path, frame)
             yaw = frame[..., 2:] + path_headings(path, state[..., 3])
-            hit = agents_that_overlap(box[..., 0], box[..., 1], yaw, (state[..., 0], state[..., 1]), known)
+            hit = agents_that_overlap(box[..., 0], box[..., 1], yaw, (state[..., 0], state[..., 1]), valid)
             counts.append(int((hit & scored).sum()))
         return counts

@@ -180,16 +180,16 @@ class SeriesEncoder(nn.Module):
 class MotionEncoder(nn.Module):
     """Encodes an agent's motion relative to a target, and further features of the agent."""
 
-    def __init__(self, embedding: int, units: int, known: int) -> None:
+    def __init__(self, embedding: int, units: int, features: int) -> None:
         super().__init__()
         self.embed = nn.Linear(POLAR_CHANNELS, embedding)
         self.lstm = nn.LSTM(embedding, units, batch_first=True)
-        self.code = nn.Linear(units + known, embedding)
+        self.code = nn.Linear(units + features, embedding)
 
-    def forward(self, motion: Tensor, known: Tensor) -> Tensor:
+    def forward(self, motion: Tensor, features: Tensor) -> Tensor:
         """Returns encodings (S, embedding) of `motion` (S, steps, POLAR_CHANNELS) and `known` features (S, k)."""
         state = last_state(self.lstm, nn.functional.elu(self.embed(motion)))
-        return nn.functional.elu(self.code(torch.cat([state, known], dim=-1)))
+        return nn.functional.elu(self.code(torch.cat([state, features], dim=-1)))
 
 
 class InteractionEncoder(nn.Module):

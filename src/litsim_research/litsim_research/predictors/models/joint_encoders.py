@@ -69,8 +69,8 @@ class DirectHistory(nn.Module):
     def forward(self, history: Tensor, observed: Tensor) -> Tensor:
         """See :meth:`RecurrentHistory.forward`."""
         x, y, yaw, speed = history.unbind(dim=-1)
-        known, now = observed.to(history.dtype), speed[:, -1:]
+        mask, now = observed.to(history.dtype), speed[:, -1:]
         ago = DT * torch.arange(HISTORY - 1, -1, -1, dtype=history.dtype, device=history.device)
-        read = torch.stack([(x + ago * now) * known, y, yaw, (speed - now) * known, known], dim=-1)
+        read = torch.stack([(x + ago * now) * mask, y, yaw, (speed - now) * mask, mask], dim=-1)
         units = history.new_tensor([*DEVIATION_UNITS, 1.0]).repeat(HISTORY)
         return cast(Tensor, self.layers[1:](linear_of(read.flatten(1), units, cast(nn.Linear, self.layers[0]))))

@@ -56,9 +56,9 @@ def plot_curves(
         axis.remove()
     for axis, (title, lines) in zip(axes.ravel(), drawn.items(), strict=False):
         for name, label in lines.items():
-            at = [i for i, entry in enumerate(history) if name in entry]
-            counted = at if along is None else [history[i][along] for i in at]
-            axis.plot(counted, [history[i][name] for i in at], label=label, **STYLE.get(label, {}))
+            entries = [i for i, entry in enumerate(history) if name in entry]
+            counted = entries if along is None else [history[i][along] for i in entries]
+            axis.plot(counted, [history[i][name] for i in entries], label=label, **STYLE.get(label, {}))
         axis.set_title(title, fontsize=10)
         axis.set_yscale("log" if log else "linear")
         axis.grid(alpha=0.3)

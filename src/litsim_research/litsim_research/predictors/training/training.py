@@ -181,9 +181,9 @@ class Training(ResumableTraining):
         """
         predicted = torch.rand(batch.maneuver.shape, device=self.device) < self.config.predicted_share
         prediction = self.model(batch, torch.where(predicted, -1, batch.maneuver))
-        known = (batch.future_known & batch.target[..., None])[:, :, None]
-        nll = negative_log_likelihood(prediction, batch.future)[known].mean()
-        error = ((prediction.mean - batch.future[:, :, None]) ** 2).sum(dim=-1)[known].mean()
+        valid = (batch.future_known & batch.target[..., None])[:, :, None]
+        nll = negative_log_likelihood(prediction, batch.future)[valid].mean()
+        error = ((prediction.mean - batch.future[:, :, None]) ** 2).sum(dim=-1)[valid].mean()
         named = batch.target & (batch.maneuver >= 0)
         logits, truth = prediction.maneuver[named], batch.maneuver[named]
         maneuver = torch.nn.functional.cross_entropy(logits, truth, reduction="sum") / max(len(truth), 1)
