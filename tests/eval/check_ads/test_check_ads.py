@@ -2,13 +2,14 @@
 
 from dataclasses import replace
 from math import nan
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from litsim_eval.check_ads.requirements import Clause, Limits, Verdict, is_clipped, judge, motion
-from litsim_eval.check_ads.trace import Ending, Endpoint, Evidence, Heard, summarised
+from litsim_eval.check_ads.trace import Ending, Endpoint, Evidence, Heard
 from litsim_sim.core.scene import STEP_NS, EgoCommand
 from litsim_sim.core.topic_names import EGO_INPUTS, Interface
 from litsim_sim.core.vehicle import VehicleModel
@@ -36,20 +37,22 @@ def trajectory(ego: EgoState, *, aside: float = 0.0, turned: float = 0.0, bump: 
 
 
 @pytest.fixture(scope="module")
-def lane_map() -> LaneMap:
-    return LaneMap.from_net(packaged("nets/us101_like.net.xml"))
+def scenario() -> Any:
+    lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
+    return SimpleNamespace(lane_map=lane_map, vehicle=VEHICLE, total_steps=STEPS, history_steps=0)
 
 
 @pytest.fixture
-def seen(lane_map: LaneMap, lane_centres: tuple[float, ...]) -> Evidence:
+def seen(scenario: Any, lane_centres: tuple[float, ...]) -> Evidence:
     """Of a stack that does everything right, with trajectories."""
     states = {step: state(step, lane_centres[1]) for step in range(STEPS + 1)}
     asked = {step: BEGIN_NS + step * STEP_NS for step in states}
     heard = [
-        Heard(Answer(TRAJECTORY, trajectory(ego), step * STEP_NS), asked[step] + (step + 1) * TOOK_NS, step)
+        Heard(Answer(TRAJECTORY, trajectory(ego), step * STEP_NS), asked[step] + (step + 1) * TOOK_NS)
         for step, ego in states.items()
     ]
     return Evidence(
+        scenario,
         wait_s=30.0,
         discovered_s={TRAJECTORY: 0.5},
         endpoints=(
@@ -57,20 +60,19 @@ def seen(lane_map: LaneMap, lane_centres: tuple[float, ...]) -> Evidence:
             Endpoint("/litsim/ego/state", "/stack", publishes=False),
         ),
         published_ns={step: [time] for step, time in asked.items()},
-        heard=tuple(heard),
+        heard=heard,
         interface=TRAJECTORY,
         counts={"answered": STEPS + 1},
-        remarks=(),
         states=states,
-        history_steps=0,
-        lane_map=lane_map,
-        vehicle=VEHICLE,
-        total_steps=STEPS,
         state="FINISHED",
-        failure="",
-        left=None,
         ending=Ending(watched_s=5.0, last_s=None, present=True),
     )
+
+
+def in_history(seen: Evidence, steps: int) -> Evidence:
+    """The same in a scenario whose history has so many steps."""
+    scenario: Any = SimpleNamespace(**vars(seen.scenario) | {"history_steps": steps})
+    return replace(seen, scenario=scenario)
 
 
 def clauses(seen: Evidence, limits: Limits | None = None) -> dict[str, Clause]:
@@ -88,7 +90,7 @@ def answered(seen: Evidence, step: int, **fields: Any) -> Evidence:
     """The same, but for the answer to one step."""
     heard = list(seen.heard)
     heard[step] = replace(heard[step], answer=replace(heard[step].answer, **fields))
-    return replace(seen, heard=tuple(heard))
+    return replace(seen, heard=heard)
 
 
 def test_everything_right(seen: Evidence) -> None:
@@ -110,7 +112,7 @@ def test_a_stack_begins_anew_if_a_second_run_is_the_same(seen: Evidence) -> None
 def test_nobody(seen: Evidence) -> None:
     gone = Ending(5.0, None, present=False)
     nothing = replace(
-        seen, discovered_s={}, endpoints=(), heard=(), interface=None, counts={}, ending=gone, failure="late"
+        seen, discovered_s={}, endpoints=(), heard=[], interface=None, counts={}, ending=gone, failure="late"
     )
     found = clauses(nothing)
     assert found.pop("discovery").verdict == FAIL
@@ -127,7 +129,7 @@ def test_a_foreign_publisher_on_an_internal_topic(seen: Evidence) -> None:
     text = "/cheat: publishes on /litsim/controls, expected nobody"
     ended = replace(
         seen,
-        intrusions=(text,),
+        intrusions=[text],
         heard=seen.heard[:10],
         counts={"answered": 10},
         state="FAILED",
@@ -205,10 +207,10 @@ def test_in_the_history_trajectories_are_not_used_and_so_not_judged(seen: Eviden
     }[fault]
     changed = answered(seen, 4, target=target)
     assert FAIL in {each.verdict for each in clauses(changed).values()}
-    found = clauses(replace(changed, history_steps=5))
+    found = clauses(in_history(changed, 5))
     assert {each.verdict for each in found.values()} == {PASS}
     assert found["values finite and feasible"].figures["judged"] == 6
-    assert only(answered(replace(seen, history_steps=5), 4, frame="odom"), "frames plausible")
+    assert only(answered(in_history(seen, 5), 4, frame="odom"), "frames plausible")
 
 
 def test_against_the_road(seen: Evidence) -> None:
@@ -234,7 +236,7 @@ def test_more_than_the_vehicle_can(seen: Evidence) -> None:
         replace(each, answer=replace(each.answer, target=trajectory(seen.states[step], bump=0.1)))
         for step, each in enumerate(seen.heard)
     ]  # a metre per second more for a tenth of a second: 10 m/s2
-    shaken = replace(seen, heard=tuple(heard))
+    shaken = replace(seen, heard=heard)
     text = "100.0% of 11 answers beyond the vehicle's limits, expected at most 10.0%"
     assert only(shaken, "values finite and feasible") == text
     assert clauses(shaken, Limits(clipped=1.0))["values finite and feasible"].verdict == PASS
@@ -296,7 +298,9 @@ def test_motion_along_a_circle() -> None:
     assert yaw_rate == pytest.approx(np.full(19, -0.2), rel=1e-6)
 
 
-def test_what_the_bridge_says_again_and_again_is_one_remark() -> None:
+def test_what_the_bridge_says_again_and_again_is_one_remark(seen: Evidence) -> None:
     late = [f"/litsim/ego/twist: the answer to step {k}, at step {k + 1}, is stale ({k} so far)" for k in range(1, 9)]
     other = "/litsim/ego/trajectory: ignored, /litsim/ego/twist is in use (1 so far)"
-    assert summarised([late[0], other, *late]) == (late[-1], other)
+    for text in (late[0], other, *late):
+        seen.remark(text)
+    assert seen.remarks == [late[-1], other]

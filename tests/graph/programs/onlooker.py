@@ -13,7 +13,9 @@ import rclpy
 from rclpy.node import Node
 
 from litsim_eval.check_ads.bystander import Bystander
+from litsim_eval.check_ads.trace import Evidence
 from litsim_sim.launch.middleware import use_middleware_settings
+from litsim_sim.scenario.scenario import Scenario
 
 KINDS = {
     "publish": Node.get_publisher_names_and_types_by_node,
@@ -44,7 +46,7 @@ def main() -> None:
     use_middleware_settings("onlooker")
     rclpy.init()
     node = Node("onlooker", start_parameter_services=False)
-    with Bystander(node.context.get_domain_id(), {}):
+    with Bystander(node.context.get_domain_id(), {}, Evidence(Scenario.load("demo"), 0.0)):
         while True:
             found = endpoints(node)
             as_told = all(found.get(name) == its for name, its in expected.items())

@@ -1,4 +1,4 @@
-"""A bystander on the graph, which records the bridge's messages, the stack's answers and the endpoints of both."""
+"""A bystander on the graph, which notes the bridge's messages, the stack's answers and the endpoints of both."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.signals import SignalHandlerOptions
 
-from litsim_eval.check_ads.trace import FAILED, FINISHED, Endpoint, Heard
+from litsim_eval.check_ads.trace import Endpoint, Evidence, Heard
 from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.core.topic_names import Interface
@@ -21,6 +21,7 @@ from litsim_sim.launch.middleware import middleware_in_use
 from litsim_sim.nodes.diagnostics import BRIDGE_NAME, PORT_NAME
 from litsim_sim.nodes.publishers import Owners, check_publishers
 from litsim_sim.nodes.responses import RunFailed
+from litsim_sim.ros.definitions import type_name
 from litsim_sim.ros.ego_port import CONVERT
 from litsim_sim.ros.endpoints import node_of
 from litsim_sim.ros.topics import DIAGNOSTICS, EGO_FEEDS, EGO_INPUTS, EGO_STATE, Topic
@@ -35,27 +36,13 @@ class Bystander:
     """Listens in a domain, in a context of its own; a context manager.
 
     Attributes:
-        published_ns: times at which the bridge published each step, by this machine's clock [ns].
-        heard: answers in order of arrival.
-        discovered_s: seconds from :meth:`start` until a publisher of each interface was found.
-        present: whether any such publisher is there now.
-        state, counts, interface: latest values on ``/diagnostics``.
-        remarks: all messages of the ego port on ``/diagnostics``.
-        intrusions: texts on publishers on internal topics that are no nodes of the run.
+        present: whether a publisher of the stack is there now.
     """
 
-    def __init__(self, domain_id: int, internal: Owners) -> None:
-        """Listens in `domain_id`; `internal` are the topics on which only their owners may publish."""
-        self.published_ns: dict[int, list[int]] = {}
-        self.heard: list[Heard] = []
-        self.discovered_s: dict[Interface, float] = {}
+    def __init__(self, domain_id: int, internal: Owners, evidence: Evidence) -> None:
+        """Listens in `domain_id`, and adds to `evidence`; on the topics `internal` only their owners may publish."""
         self.present = False
-        self.state = ""
-        self.counts: dict[str, int] = {}
-        self.interface: Interface | None = None
-        self.remarks: list[str] = []
-        self.intrusions: list[str] = []
-        self._internal = internal
+        self._seen, self._internal = evidence, internal
         self._began = time.monotonic()
         self._endpoints: dict[bytes, Endpoint] = {}
         self._context = Context()
@@ -67,8 +54,7 @@ class Bystander:
         for interface, topic in EGO_INPUTS.items():
 
             def hear(message: Any, info: Any, interface: Interface = interface) -> None:
-                answer = CONVERT[interface](message)
-                self.heard.append(Heard(answer, info["received_timestamp"], max(self.published_ns, default=-1)))
+                evidence.heard.append(Heard(CONVERT[interface](message), info["received_timestamp"]))
 
             self._node.create_subscription(topic.type, topic.name, hear, ANY_PUBLISHER)
         self._node.create_subscription(EGO_STATE.type, EGO_STATE.name, self._on_state, EGO_STATE.qos)
@@ -83,19 +69,8 @@ class Bystander:
         rclpy.shutdown(context=self._context)
 
     def start(self) -> None:
-        """Resets the time from which :attr:`discovered_s` counts."""
+        """Resets the time from which :attr:`.Evidence.discovered_s` counts."""
         self._began = time.monotonic()
-
-    @property
-    def endpoints(self) -> tuple[Endpoint, ...]:
-        """Publishers and subscriptions of the stack found so far, sorted by topic."""
-        theirs = {endpoint for endpoint in self._endpoints.values() if endpoint.node not in OURS}
-        return tuple(sorted(theirs, key=lambda e: (e.topic, e.node, e.publishes)))
-
-    @property
-    def over(self) -> bool:
-        """Whether the bridge has reported the end of the run."""
-        return self.state in (FINISHED, FAILED)
 
     @property
     def hears_bridge(self) -> bool:
@@ -115,17 +90,19 @@ class Bystander:
         for interface, topic in EGO_INPUTS.items():
             for info in self._node.get_publishers_info_by_topic(topic.name):
                 present = True
-                self.discovered_s.setdefault(interface, time.monotonic() - self._began)
+                self._seen.discovered_s.setdefault(interface, time.monotonic() - self._began)
                 self._note(topic, info, publishes=True)
         for topic in EGO_FEEDS:
             for info in self._node.get_subscriptions_info_by_topic(topic.name):
                 self._note(topic, info, publishes=False)
         self.present = present
-        if not self.intrusions:
+        theirs = {endpoint for endpoint in self._endpoints.values() if endpoint.node not in OURS}
+        self._seen.endpoints = tuple(sorted(theirs, key=lambda e: (e.topic, e.node, e.publishes)))
+        if not self._seen.intrusions:
             try:
                 check_publishers(self._node, self._internal)
             except RunFailed as error:
-                self.intrusions.append(str(error))
+                self._seen.intrusions.append(str(error))
 
     def _note(self, topic: Topic, info: Any, *, publishes: bool) -> None:
         node = node_of(info)
@@ -136,28 +113,25 @@ class Bystander:
     def _on_state(self, message: Any, info: Any) -> None:
         stamp = message.header.stamp
         step = round((stamp.sec * 10**9 + stamp.nanosec) / STEP_NS)
-        self.published_ns.setdefault(step, []).append(info["source_timestamp"])
+        self._seen.published_ns.setdefault(step, []).append(info["source_timestamp"])
 
     def _on_diagnostics(self, array: Any) -> None:
         for status in array.status:
             values = {value.key: value.value for value in status.values}
             if status.name == BRIDGE_NAME:
-                self.state = values.get("state", "")
+                self._seen.state = values.get("state", "")
             elif status.name == PORT_NAME:
                 interface = values.pop("interface", "")
-                self.interface = Interface(interface) if interface else None
-                self.counts = {kind: int(count) for kind, count in values.items()}
-                if status.message:
-                    self.remarks.append(status.message)
+                self._seen.interface = Interface(interface) if interface else None
+                self._seen.counts = {kind: int(count) for kind, count in values.items()}
+                if any(topic in status.message for topic in [topic.name for topic in EGO_INPUTS.values()]):
+                    self._seen.remark(status.message)
 
 
 def _mismatch(topic: Topic, info: Any, *, publishes: bool) -> str:
     """Returns why an endpoint of the stack and the bridge's on the same topic do not match; empty if they do."""
-    kind = info.topic_type
-    package, name = topic.type.__module__.split(".")[0], topic.type.__name__
-    expected = f"{package}/msg/{name}"
-    if kind != expected:
-        return f"its type is {kind}, expected {expected}"
+    if info.topic_type != (expected := type_name(topic.type)):
+        return f"its type is {info.topic_type}, expected {expected}"
     theirs, ours = info.qos_profile, topic.qos
     for name in ("deadline", "lifespan", "liveliness_lease_duration"):  # unset there, infinite on the graph
         setattr(ours, name, Infinite)

@@ -217,10 +217,10 @@ def values(evidence: Evidence, limit: float) -> Clause:
             wrong.append((heard, fault))
         elif ego is not None and answer.target is not None:
             judged += 1
-            clipped += is_clipped(answer.target, ego, evidence.vehicle)
+            clipped += is_clipped(answer.target, ego, evidence.scenario.vehicle)
             offset = _offset(heard, evidence)
             if isinstance(answer.target, Trajectory) and (offset is None or offset <= OFFSET_MAX):
-                fault = Reference(answer.target, ego).problem(ego, evidence.vehicle)
+                fault = Reference(answer.target, ego).problem(ego, evidence.scenario.vehicle)
                 wrong += [(heard, fault)] if fault else []
     share = clipped / judged if judged else 0.0
     text = f"{share:.1%} of {judged} answers beyond the vehicle's limits"
@@ -247,7 +247,8 @@ def ending(evidence: Evidence) -> Clause:
         return Clause(name, Verdict.OPEN, "nothing was found", figures)
     how = f": {end.obituary}" if end.obituary else ""
     if evidence.left is not None:
-        text = f"the stack left at step {evidence.left} of {evidence.total_steps}, before the run was over{how}"
+        steps = evidence.scenario.total_steps
+        text = f"the stack left at step {evidence.left} of {steps}, before the run was over{how}"
         return Clause(name, Verdict.FAIL, text, figures)
     after = "after FINISHED" if evidence.state == FINISHED else "after the run had ended early"
     if end.exit_status:
@@ -308,7 +309,7 @@ def _stray(answer: Answer, evidence: Evidence) -> float | None:
     if not moving.any():
         return None
     heading = np.arctan2(step[1], step[0])[moving]
-    lane = evidence.lane_map.nearest(target.x[1:][moving], target.y[1:][moving])
+    lane = evidence.scenario.lane_map.nearest(target.x[1:][moving], target.y[1:][moving])
     return float(np.mean(np.abs(wrap_angle(heading - lane.heading)) > ALONG))
 
 

@@ -9,10 +9,9 @@ from pathlib import Path
 
 from litsim_eval.analysis.measures.identity import digest
 from litsim_eval.check_ads.bystander import Bystander
-from litsim_eval.check_ads.trace import FAILED, FINISHED, Ending, Evidence, summarised
+from litsim_eval.check_ads.trace import FAILED, FINISHED, Ending, Evidence
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import BRIDGE, RECORDER
-from litsim_sim.core.topic_names import EGO_INPUTS
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import EgoState
 from litsim_sim.launch.child import Child
@@ -68,45 +67,26 @@ def observe(check: Check) -> Evidence:
     starter = Graph(check.out, check.domain_id)  # of the stack alone, which outlives the run
     stack: Child | None = None
     internal = owners(plan.stages, external=True, applied=True, signals=check.scenario.signals is not None)
-    with Bystander(check.domain_id, internal) as bystander:
+    evidence = Evidence(check.scenario, check.wait_s)
+    with Bystander(check.domain_id, internal, evidence) as bystander:
         try:
             graph.start(BRIDGE, nodes[BRIDGE], _bridge(check, plan, file))
             _meet(graph.children[BRIDGE], bystander)
             if check.command:
                 starter.start_stack(check.command)
                 stack = starter.children[STACK]
-            _discover(check, bystander, stack)
+            _discover(evidence, bystander, stack)
             graph.start(RECORDER, nodes[RECORDER], {"output": str(check.out), "overwrite": True})
-            left = _follow(graph.children[BRIDGE], bystander, stack)
-            failure = _failure(graph, left)
-            ending, left = _watch_end(check, bystander, stack, left)
-            difference = _second_run(check, nodes, _bridge(check, plan, file)) if check.warm and not failure else None
+            evidence.left = _follow(graph.children[BRIDGE], bystander, stack, evidence)
+            evidence.failure = _failure(graph, evidence.left)
+            _watch_end(check, bystander, stack, evidence)
+            if check.warm and not evidence.failure:
+                evidence.difference = _second_run(check, nodes, _bridge(check, plan, file))
         finally:
             graph.stop()
             starter.stop()
-        return Evidence(
-            wait_s=check.wait_s,
-            discovered_s=bystander.discovered_s,
-            endpoints=bystander.endpoints,
-            published_ns=bystander.published_ns,
-            heard=tuple(bystander.heard),
-            interface=bystander.interface,
-            counts=bystander.counts,
-            remarks=summarised(
-                text for text in bystander.remarks if any(topic in text for topic in EGO_INPUTS.values())
-            ),
-            states=_states(check),
-            history_steps=check.scenario.history_steps,
-            lane_map=check.scenario.lane_map,
-            vehicle=check.scenario.vehicle,
-            total_steps=check.scenario.total_steps,
-            state=bystander.state,
-            failure=failure,
-            left=left,
-            ending=ending,
-            intrusions=tuple(bystander.intrusions),
-            difference=difference,
-        )
+    evidence.states = _states(check)
+    return evidence
 
 
 def _bridge(check: Check, plan: RunPlan, file: Path) -> dict[str, object]:
@@ -140,28 +120,28 @@ def _meet(bridge: Child, bystander: Bystander) -> None:
     bystander.listen(3 * TICK_S)  # for the bridge to find the bystander, too
 
 
-def _discover(check: Check, bystander: Bystander, stack: Child | None) -> None:
+def _discover(evidence: Evidence, bystander: Bystander, stack: Child | None) -> None:
     """Waits for a publisher of the stack; the run has not begun yet, so its answers are heard from step 0 on."""
     bystander.start()
-    until = time.monotonic() + check.wait_s
-    while not bystander.discovered_s and time.monotonic() < until and (stack is None or stack.running):
+    until = time.monotonic() + evidence.wait_s
+    while not evidence.discovered_s and time.monotonic() < until and (stack is None or stack.running):
         bystander.listen(TICK_S)
-    if bystander.discovered_s:
+    if evidence.discovered_s:
         bystander.listen(3 * TICK_S)  # for the stack to find the bystander, too
 
 
-def _follow(bridge: Child, bystander: Bystander, stack: Child | None) -> int | None:
+def _follow(bridge: Child, bystander: Bystander, stack: Child | None, evidence: Evidence) -> int | None:
     """Listens until the bridge ends, the stack leaves or none is found; returns the step at which it left, or None."""
     hopeless = time.monotonic() + LAZY_S
     while bridge.running:
         bystander.listen(TICK_S)
-        if not bystander.discovered_s and time.monotonic() > hopeless:
+        if not evidence.discovered_s and time.monotonic() > hopeless:
             break
-        gone = (stack is not None and not stack.running) or (bool(bystander.discovered_s) and not bystander.present)
-        if gone and not bystander.over:
+        gone = (stack is not None and not stack.running) or (bool(evidence.discovered_s) and not bystander.present)
+        if gone and not evidence.over:
             bystander.listen(5 * TICK_S)  # the stack may have heard of the end of the run before this program
-            if not bystander.over:
-                return max(bystander.published_ns, default=0)
+            if not evidence.over:
+                return evidence.newest
     bystander.listen(TICK_S)
     return None
 
@@ -178,33 +158,26 @@ def _failure(graph: Graph, left: int | None) -> str:
     return ""
 
 
-def _watch_end(check: Check, bystander: Bystander, stack: Child | None, left: int | None) -> tuple[Ending, int | None]:
-    """Watches the stack after the run; returns its ending, and the step at which it left the run, if it did.
+def _watch_end(check: Check, bystander: Bystander, stack: Child | None, evidence: Evidence) -> None:
+    """Watches the stack after the run, and notes its ending, and the step at which it left the run, if it did.
 
     A silent stack that was started elsewhere is watched until DDS would have noticed its death.
     """
     began_ns, began = time.time_ns(), time.monotonic()
-    silent = bystander.state != FINISHED and left is None and stack is None and bool(bystander.discovered_s)
+    silent = evidence.state != FINISHED and evidence.left is None and stack is None and bool(evidence.discovered_s)
     watch = max(check.end_wait_s, LEASE_S) if silent else check.end_wait_s
     while (watched := time.monotonic() - began) < watch:
         bystander.listen(TICK_S)
         if not bystander.present and (stack is None or not stack.running):
             break
-    if silent and not bystander.present and bystander.state in (FAILED, ""):
-        left = max(bystander.published_ns, default=0)
-    after = [answer.received_ns for answer in bystander.heard if answer.received_ns > began_ns]
+    if silent and not bystander.present and evidence.state in (FAILED, ""):
+        evidence.left = evidence.newest
+    after = [answer.received_ns for answer in evidence.heard if answer.received_ns > began_ns]
     last_s = 1e-9 * (after[-1] - began_ns) if after else None
-    gone = stack is not None and not stack.running
-    return (
-        Ending(
-            watched_s=watched,
-            last_s=last_s,
-            present=bystander.present,
-            exit_status=stack.process.returncode if stack is not None and gone else None,
-            obituary=stack.obituary() if stack is not None and gone else "",
-        ),
-        left,
-    )
+    status, obituary = None, ""
+    if stack is not None and not stack.running:
+        status, obituary = stack.process.returncode, stack.obituary()
+    evidence.ending = Ending(watched, last_s, bystander.present, status, obituary)
 
 
 def _second_run(check: Check, nodes: Mapping[str, Path], bridge: Mapping[str, object]) -> str:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from litsim_sim.core.topic_names import Interface
-from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Answer
 from litsim_sim.ego_port.tracking import EgoState
-from litsim_sim.lane_map.lane_map import LaneMap
+from litsim_sim.scenario.scenario import Scenario
 
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?|\bnan\b|\binf\b")  # ignored when remarks are compared
 FINISHED, FAILED = "FINISHED", "FAILED"
@@ -35,11 +33,10 @@ class Endpoint:
 
 @dataclass(frozen=True)
 class Heard:
-    """An answer, the time of its reception by this machine's clock [ns], and the newest step at that time."""
+    """An answer, and the time of its reception by this machine's clock [ns]."""
 
     answer: Answer
     received_ns: int
-    newest: int
 
     @property
     def step(self) -> int:
@@ -66,24 +63,20 @@ class Ending:
     obituary: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Evidence:
-    """All observations of a stack in one run.
+    """All observations of a stack in one run, as they are made.
 
     Attributes:
+        scenario: of the run; in its history the ego follows its log, whatever is answered.
         wait_s: longest time to wait for a publisher [s].
         discovered_s: seconds until a publisher of each interface was found, from the start of the stack on.
-        endpoints: of the stack.
-        published_ns: times at which each step was published [ns].
+        endpoints: of the stack, sorted by topic.
+        published_ns: times at which the bridge published each step, by this machine's clock [ns].
         heard: answers over all interfaces, in order of arrival.
         interface: in use by the bridge; None if no answer has reached it.
         counts: of the answers at the bridge, by :data:`litsim_sim.ego_port.port.COUNTS`.
-        remarks: of the bridge on ``/diagnostics`` about the answers, by :func:`summarised`.
         states: of the ego, by step, from the record.
-        history_steps: steps at the start of the run in which the ego follows its log, whatever is answered.
-        lane_map: of the road.
-        vehicle: model of the ego.
-        total_steps: last step of the run, which begins at 0.
         state: last state of the run: FINISHED, FAILED, or empty if the bridge reported neither.
         failure: why the run failed; empty if it did not.
         left: step at which the stack left before the end of the run; None if it stayed.
@@ -92,29 +85,45 @@ class Evidence:
         difference: how a second run with the same stack differs, empty if it does not; None if there was none.
     """
 
+    scenario: Scenario
     wait_s: float
-    discovered_s: dict[Interface, float]
-    endpoints: tuple[Endpoint, ...]
-    published_ns: dict[int, list[int]]
-    heard: tuple[Heard, ...]
-    interface: Interface | None
-    counts: dict[str, int]
-    remarks: tuple[str, ...]
-    states: dict[int, EgoState]
-    history_steps: int
-    lane_map: LaneMap
-    vehicle: VehicleModel
-    total_steps: int
-    state: str
-    failure: str
-    left: int | None
+    discovered_s: dict[Interface, float] = field(default_factory=dict)
+    endpoints: tuple[Endpoint, ...] = ()
+    published_ns: dict[int, list[int]] = field(default_factory=dict)
+    heard: list[Heard] = field(default_factory=list)
+    interface: Interface | None = None
+    counts: dict[str, int] = field(default_factory=dict)
+    states: dict[int, EgoState] = field(default_factory=dict)
+    state: str = ""
+    failure: str = ""
+    left: int | None = None
     ending: Ending = field(default_factory=lambda: Ending(0.0, None, present=False))
-    intrusions: tuple[str, ...] = ()
+    intrusions: list[str] = field(default_factory=list)
     difference: str | None = None
+    _remarks: dict[str, str] = field(default_factory=dict)
+
+    def remark(self, text: str) -> None:
+        """Notes what the bridge says about the answers on ``/diagnostics``."""
+        self._remarks[NUMBER.sub("#", text)] = text
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the bridge has said; of remarks that differ only in numbers the last one, which holds their count."""
+        return list(self._remarks.values())
+
+    @property
+    def newest(self) -> int:
+        """The newest step that was published; 0 before the first."""
+        return max(self.published_ns, default=0)
+
+    @property
+    def over(self) -> bool:
+        """Whether the bridge has reported the end of the run."""
+        return self.state in (FINISHED, FAILED)
 
     def driven(self, step: int) -> EgoState | None:
         """Returns the state of the ego at a step; None if it is unknown, or the answer does not drive the ego."""
-        return self.states.get(step) if step >= self.history_steps else None
+        return self.states.get(step) if step >= self.scenario.history_steps else None
 
     @property
     def used(self) -> list[Heard]:
@@ -125,8 +134,3 @@ class Evidence:
     def reachable(self) -> bool:
         """Whether a publisher of the stack matches the bridge."""
         return any(endpoint.publishes and not endpoint.problem for endpoint in self.endpoints)
-
-
-def summarised(remarks: Iterable[str]) -> tuple[str, ...]:
-    """Returns, of remarks that differ only in numbers, the last one, which holds their count."""
-    return tuple({NUMBER.sub("#", text): text for text in remarks}.values())
