@@ -24,7 +24,8 @@ from litsim_sim.core.scene import STEP_NS
 from litsim_sim.record.bag import BagWriter, qos_yaml
 from litsim_sim.record.seal import RunFacts, write_seal
 from litsim_sim.ros import messages, topics
-from litsim_sim.ros.definitions import type_hash, type_name
+from litsim_sim.ros.cdr import without_padding
+from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
@@ -40,7 +41,7 @@ def answered(make_scenario: Any, track: Any, lane_centres: Any) -> tuple[Scenari
     tracks = [track(i, x, lane_centres[lane], 15.0, last=STEPS - 1) for i, (x, lane) in places.items()]
     scenario = make_scenario(*tracks)
     plan = RunPlan(scenario, "idm", "litsim")
-    info = RunInfo(header=messages.header(0), **plan.facts())
+    info = RunInfo(header=messages.header(0), topics=[topics.CONTROLS.name], **plan.facts())
     predictor = make_predictor(DEFAULT_MODEL, scenario, modes=PredictorConfig().modes)
     found: list[tuple[str, int, Any]] = []
     for now in Runner(plan).steps():
@@ -64,22 +65,27 @@ def write(answered: Any, tmp_path: Path) -> Callable[..., Path]:
         with BagWriter(tmp_path / "bag", "bag", {}) as writer:
             for topic in topics.RECORDED_TOPICS:
                 name = type_name(topic.type)
-                writer.add_topic(topic.name, name, "", qos_yaml(1), type_hash(name))
+                writer.add_topic(topic.name, name, definition(name), qos_yaml(1), type_hash(name))
             gone = {"recording": "/gone", "net": "/gone", "crop": {"v": [0, 1]}}
             fields = yaml.safe_load(scenario.to_yaml()) | gone
             writer.attach("scenario.yaml", "", yaml.safe_dump(fields).encode())
             writer.attach("net.xml", "", scenario.net_path.read_bytes())
             writer.attach("recording.parquet", "", scenario.recording.to_parquet())
-            writer.write(topics.RUN_INFO.name, serialize_message(tamper(topics.RUN_INFO.name, 0, info)), 0)
+            writer.write(topics.RUN_INFO.name, serialized(tamper(topics.RUN_INFO.name, 0, info)), 0)
             for stage, text in ready.items():
                 status = messages.status(info.run_id, stage, StageStatus.READY, text=text)
-                writer.write(topics.STATUS.name, serialize_message(status), 0)
+                writer.write(topics.STATUS.name, serialized(status), 0)
             for topic, step, message in found:
                 if (changed := tamper(topic, step, message)) is not None:
-                    writer.write(topic, serialize_message(changed), step * STEP_NS)
+                    writer.write(topic, serialized(changed), step * STEP_NS)
         return tmp_path / "bag"
 
     return bag
+
+
+def serialized(message: Any) -> bytes:
+    """As the recorder writes it."""
+    return without_padding(type(message))(serialize_message(message))
 
 
 def copied(message: Any, **changes: Any) -> Any:

@@ -46,12 +46,13 @@ def rerun(arguments: argparse.Namespace) -> bool:
         InputError: the record cannot be used, or the file cannot be written.
     """
     with open_record(arguments.bag) as record:
-        report: dict[str, Any] = {"run_id": record.info.run_id}
+        run_id = record.run.info.run_id
+        report: dict[str, Any] = {"run_id": run_id}
         if arguments.resimulate:
             result = resimulate(record)
             tally, equal = result.tally, result.recorded == result.computed and not result.tally.different
             report |= {"steps": result.steps, "digest_recorded": result.recorded, "digest_computed": result.computed}
-            lines = [f"run {record.info.run_id}: {result.steps} steps repeated: {'equal' if equal else 'DIFFERENT'}"]
+            lines = [f"run {run_id}: {result.steps} steps repeated: {'equal' if equal else 'DIFFERENT'}"]
             lines += [f"digest recorded {result.recorded}", f"       computed {result.computed}"]
         else:
             tally = rerun_stage(record, arguments.node)

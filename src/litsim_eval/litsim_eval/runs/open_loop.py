@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from litsim_eval.runs.recorded_run import open_record
+from litsim_eval.runs.recorded_run import Record, open_record
 from litsim_sim.cli.launch import launch
 from litsim_sim.cli.launch import parser as launch_parser
 from litsim_sim.core.errors import EXIT_FAILED, InputError
@@ -51,14 +51,13 @@ def play_into(bag: Path, command: Sequence[str], out: Path, *, overwrite: bool) 
         InputError: the record cannot be used, or the stack cannot be started.
         OpenLoopFailed: the run with the stack has failed; the launcher has said why.
     """
-    run = read_run(bag)
-    with _as_log(bag, run) as scenario:
+    with open_record(bag) as record, _as_log(record) as scenario:
         options = ["--scenario", str(scenario), "--ego", "external", "--policy", "replay", "--out", str(out)]
         options += ["--no-analyze", "--quiet", "--on-invalid", "hold", *(["--overwrite"] if overwrite else [])]
         arguments = launch_parser().parse_args([*options, "--set", "bridge.open_loop=true", "--", *command])
         if launch(arguments) == EXIT_FAILED:
             raise OpenLoopFailed
-    played = read_run(out)
+    run, played = record.run, read_run(out)
     unusable = int((played.summary.get("ego_port") or {}).get("invalid", 0))
     return compared(run.ego_commands, played.ego_commands, run.info.history_steps) | {"unusable": unusable}
 
@@ -68,14 +67,15 @@ class OpenLoopFailed(Exception):
 
 
 @contextmanager
-def _as_log(bag: Path, run: Run) -> Iterator[Path]:
+def _as_log(record: Record) -> Iterator[Path]:
     """Yields the file of a scenario whose log is the run, and whose ego is never free but at its last step."""
+    run, source = record.run, record.scenario
     there = run.steps.step[run.steps.stacked.number[run.steps.track(run.info.ego_id)]]
     if len(there) < 3:
         raise InputError(f"{run.path}: the ego is recorded at {len(there)} steps, expected three at least")
     last = int(there[-1])
-    with open_record(bag) as record, tempfile.TemporaryDirectory(prefix="litsim-open-loop-") as name:
-        folder, source = Path(name), record.scenario
+    with tempfile.TemporaryDirectory(prefix="litsim-open-loop-") as name:
+        folder = Path(name)
         net = folder / (source.recording.header.net or NET_FILE)
         net.write_bytes(source.net_path.read_bytes())
         _recording(source, run).write(folder / RECORDING_FILE)

@@ -6,12 +6,12 @@ covers exactly what subscribers receive.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from litsim_eval.runs.message_diff import DiffSummary
-from litsim_eval.runs.recorded_run import Record, digest_step
+from litsim_eval.runs.recorded_run import Record
 from litsim_eval.runs.runner import Runner
 from litsim_policy.conflict.messages import takeovers_to_message
 from litsim_policy.ego.ego import Ego
@@ -40,12 +40,12 @@ def rerun_stage(record: Record, name: str) -> DiffSummary:
     """
     if name not in STAGES:
         raise InputError(f"there is no stage {name!r}, expected one of {', '.join(STAGES)}")
-    stage, info = STAGES[name], record.info
+    stage, info = STAGES[name], record.run.info
     answers = record.messages[stage.output.name]
     if not answers:
-        raise InputError(f"{record.path}: no answers of stage {name} (ego {info.ego}, policy {info.policy})")
+        raise InputError(f"{record.run.path}: no answers of stage {name} (ego {info.ego}, policy {info.policy})")
     if name == EGO and info.ego == EXTERNAL:
-        raise InputError(f"{record.path}: the ego is external, and its stage cannot be repeated")
+        raise InputError(f"{record.run.path}: the ego is external, and its stage cannot be repeated")
     if name not in record.parameters:
         record.notes.append(f"the record lacks the parameters of {name}; the defaults are used")
     core, tally = _core(record, name), DiffSummary()
@@ -84,14 +84,15 @@ def resimulate(record: Record) -> Resimulated:
     Raises:
         InputError: the record cannot be used.
     """
-    info, messages, tally = record.info, record.messages, DiffSummary()
+    run, messages, tally = record.run, record.messages, DiffSummary()
+    info, recorded = run.info, {table.step: table for table in run.tables}
     if info.ego == EXTERNAL:
         record.notes.append("the ego is external: it answers as recorded")
     run_id, ego_id = info.run_id, info.ego_id
     compared = (AGENTS, EGO_CONTROL) if info.policy == "replay" else (AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL)
     last = min(max(messages[topic.name], default=-1) for topic in compared)  # a truncated bag may end within a step
     if last < 0:
-        raise InputError(f"{record.path}: has no complete step, so there is nothing to repeat")
+        raise InputError(f"{record.run.path}: has no complete step, so there is nothing to repeat")
     digests = RunDigest(), RunDigest()
     steps = 0
     for now in _again(record).steps():
@@ -109,18 +110,19 @@ def resimulate(record: Record) -> Resimulated:
             if answer is not None and step in messages[topic]:
                 tally.add(topic, step, messages[topic][step], answer)
         digests[1].update(now.table, now.controls, now.ego)
-        digest_step(digests[0], messages, step)
+        if step in recorded:
+            digests[0].update(recorded[step], run.controls.get(step), run.ego_commands.get(step))
     return Resimulated(tally, steps, digests[0].hexdigest(), digests[1].hexdigest())
 
 
 def _again(record: Record) -> Runner:
     """Returns a runner of the recorded plan, with the recorded parameters."""
-    info = record.info
+    info = record.run.info
     external = info.ego == EXTERNAL
     silent = [name for name in STAGES if name in info.stages and name not in record.parameters]
     if silent:
         record.notes.append(f"the record lacks the parameters of {', '.join(silent)}; the defaults are used")
-    ego = _RecordedEgo(record.messages[EGO_CONTROL.name]) if external else None
+    ego = _RecordedEgo(record.run.ego_commands) if external else None
     parameters = {name: values for name, values in record.parameters.items() if name in STAGES}
     if not external and (latency := latency_in(record.parameters)) != NONE:
         parameters[BRIDGE] = {NAME: latency}
@@ -130,13 +132,12 @@ def _again(record: Record) -> Runner:
 class _RecordedEgo(Ego):
     """An ego that answers each step as recorded, or repeats the previous answer if there is none."""
 
-    def __init__(self, commands: dict[int, Any]) -> None:
+    def __init__(self, commands: Mapping[int, EgoCommand]) -> None:
         self._commands, self._last = commands, EgoCommand(0)
 
     def plan(self, table: AgentTable) -> EgoCommand:
         """See :class:`litsim_policy.ego.ego.Ego`."""
-        if table.step in self._commands:
-            self._last = EgoCommand.of_message(self._commands[table.step])
+        self._last = self._commands.get(table.step, self._last)
         return replace(self._last, step=table.step)
 
 
@@ -165,7 +166,7 @@ FROM_MESSAGE: dict[str, Callable[[Any], Any]] = {
 
 def _core(record: Record, name: str) -> Callable[..., Any]:
     """Returns the function from input messages to the answer of a stage, set up with the recorded parameters."""
-    stage, info = STAGES[name], record.info
+    stage, info = STAGES[name], record.run.info
     make = configured_stages((name,), {name: record.parameters.get(name, {})}, info.ego)[name]
     core = make(record.scenario) if name == EGO else make(info.policy, record.scenario)
 
