@@ -46,15 +46,15 @@ def test_each_comes_to_the_same_as_alone(tmp_path: Path, monkeypatch: pytest.Mon
         folder.mkdir()
     found = run_batch(cases, folders)
     assert groups == [len(cases)], "they can all be stepped together"
-    for case, metrics, folder in zip(cases, found, folders, strict=True):
-        assert isinstance(metrics, dict) and metrics["digest"] == run_in_process(case)["digest"]
+    for case, outcome, folder in zip(cases, found, folders, strict=True):
+        assert outcome.metrics is not None and outcome.metrics["digest"] == run_in_process(case)["digest"]
         assert read_thumbnail(folder) is not None
 
 
 def test_one_that_fails_ends_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     cases = made(egos=["log"])
     lost, other = run_batch([replace(cases[0], ego_id=99999), cases[1]], [None, None])
-    assert isinstance(lost, str) and "99999" in lost
-    assert isinstance(other, dict)
+    assert lost.metrics is None and "99999" in lost.failure
+    assert other.metrics is not None
     monkeypatch.setattr(batched, "record_batch", lambda _: 1 // 0)
-    assert all(isinstance(each, dict) for each in run_batch(cases, [None, None])), "they are run alone"
+    assert all(each.metrics is not None for each in run_batch(cases, [None, None])), "they are run alone"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import campaigns
-from litsim_eval.runs import warm_runs
+from litsim_eval.runs import workers
 from litsim_eval.runs.case_run import RunStopped
 from litsim_eval.runs.warm_runs import WarmRuns
 from litsim_eval.runs.workers import serve
@@ -34,7 +34,7 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[..
     def serving(_: object, pipe: Connection) -> object:
         return start_forked(serve, pipe, answer)
 
-    monkeypatch.setattr(warm_runs, "start_preloaded", serving)
+    monkeypatch.setattr(workers, "start_preloaded", serving)
     with WarmRuns() as runs:
         yield lambda name, stopped=False: runs.run(CASE, tmp_path / name, lambda: stopped, 0.5).failure
 

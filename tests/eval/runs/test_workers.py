@@ -15,6 +15,7 @@ import pytest
 
 import campaigns
 from litsim_eval.runs import workers as module
+from litsim_eval.runs.case_run import RunOutcome
 from litsim_eval.runs.workers import Workers
 
 
@@ -121,7 +122,7 @@ def test_cases_whose_process_was_closed_are_not_begun_again_one_by_one() -> None
 
 
 def test_they_are_copies_of_this_process_and_those_that_replace_them_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "run_batch", lambda cases, _: [f"answered by a copy of {os.getppid()}"] * len(cases))
+    monkeypatch.setattr(module, "run_batch", lambda *_: [RunOutcome(None, f"answered by a copy of {os.getppid()}")])
     with Workers(1) as workers:
         assert workers.run(good()).failure == f"answered by a copy of {os.getpid()}"
         lost = workers.run(replace(good(), scenario=Fatal(os._exit, 7)))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from litsim_data.encounters.encounter import Encounter
-from litsim_eval.runs.batched import BATCH_MAX, BatchedRunner, batchable, portions
+from litsim_eval.runs.batched import BATCH_MAX, batch_simulation, batchable, portions
 from litsim_eval.runs.runner import Runner
 from litsim_sim.core.errors import reason
 from litsim_sim.core.geometry import boxes_overlap
@@ -176,8 +176,9 @@ def _together(plans: Mapping[int, RunPlan], encounters: Sequence[Encounter]) -> 
     watches = {number: Watch(encounters[number]) for number in plans}
     order = list(plans)
     try:
-        for results in BatchedRunner(list(plans.values())).steps():
-            for place, result in results.items():
+        simulation = batch_simulation(list(plans.values()))
+        for step in simulation.steps():
+            for place, result in simulation.apart(step).items():
                 watches[order[place]].look(result.table)
     except Exception:  # noqa: BLE001 - alone, each run reports its own error
         return {}

@@ -9,10 +9,10 @@ from __future__ import annotations
 import time
 from collections.abc import Hashable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from litsim_eval.campaign.case import GRAPH, Case
-from litsim_eval.runs.case_run import measured, plan_of, run_in_process
+from litsim_eval.runs.case_run import RunOutcome, measured, plan_of, run_in_process
 from litsim_eval.runs.runner import as_recorded
 from litsim_predictor.models import DEFAULT_MODEL, model_names
 from litsim_sim.core import plugins
@@ -31,42 +31,21 @@ STEPS_MAX = 6000
 """Most steps of such runs in total, which bounds the memory of long runs."""
 
 T = TypeVar("T")
-MetricsOrReason = dict[str, Any] | str
-"""Metrics of a run, or the reason for their absence in one line."""
 
 
-class BatchedRunner:
-    """Runs S plans together in this process, without SUMO.
-
-    Attributes:
-        plans: the plans.
+def batch_simulation(plans: Sequence[RunPlan]) -> Simulation:
+    """Returns a simulation that steps S plans together in this process, without SUMO.
 
     Raises:
         ValueError: the plans differ in policy or in parameters other than the ego's, or their scenarios in kind
             (:func:`litsim_sim.scenario.batched.kind`).
         InputError: as :class:`litsim_eval.runs.runner.Runner`.
     """
-
-    def __init__(self, plans: Sequence[RunPlan]) -> None:
-        first = plans[0]
-        common = common_parameters(first)
-        if any((plan.policy, common_parameters(plan)) != (first.policy, common) for plan in plans):
-            raise ValueError("runs of different policies or parameters cannot be stepped together")
-        self.plans = tuple(plans)
-        egos = [configured(plan.ego, plan.policy, plan.parameters)[EGO](plan.scenario) for plan in plans]
-        self._simulation = Simulation([plan.scenario for plan in plans], egos, first.policy, common)
-
-    @property
-    def summaries(self) -> dict[int, dict[str, Any]]:
-        """The world's summary of each run that is over, by number of the plan; see :meth:`.World.summary`."""
-        return self._simulation.summaries
-
-    def steps(self) -> Iterator[dict[int, Step]]:
-        """Yields each step of the runs that are not over, with its answers, by number of the plan.
-
-        Wall times of stages are divided equally among the runs.
-        """
-        return map(self._simulation.apart, self._simulation.steps())
+    first, common = plans[0], common_parameters(plans[0])
+    if any((plan.policy, common_parameters(plan)) != (first.policy, common) for plan in plans):
+        raise ValueError("runs of different policies or parameters cannot be stepped together")
+    egos = [configured(plan.ego, plan.policy, plan.parameters)[EGO](plan.scenario) for plan in plans]
+    return Simulation([plan.scenario for plan in plans], egos, first.policy, common)
 
 
 def can_batch(policy: str, parameters: Parameters) -> bool:
@@ -87,16 +66,16 @@ def record_batch(plans: Sequence[RunPlan]) -> list[RecordedRun]:
     """Runs `plans` together and returns the runs as if read from recordings.
 
     Raises:
-        ValueError, InputError: as :class:`BatchedRunner`.
+        ValueError, InputError: as :func:`batch_simulation`.
     """
     begin = time.perf_counter()
-    runner = BatchedRunner(plans)
+    simulation = batch_simulation(plans)
     results: list[list[Step]] = [[] for _ in plans]
-    for now in runner.steps():
-        for k, result in now.items():
+    for now in simulation.steps():
+        for k, result in simulation.apart(now).items():
             results[k].append(result)
     wall = (time.perf_counter() - begin) / len(plans)
-    return [as_recorded(plan, results[k], runner.summaries[k], wall) for k, plan in enumerate(plans)]
+    return [as_recorded(plan, results[k], simulation.summaries[k], wall) for k, plan in enumerate(plans)]
 
 
 def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
@@ -107,9 +86,8 @@ def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
     """
     groups: dict[Hashable, list[Case]] = {}
     for case in sorted(cases, key=lambda case: case.policy == REPLAY):
-        groups.setdefault(case.id if case.execution_mode == GRAPH else (case.policy, str(case.parameters)), []).append(
-            case
-        )
+        key = case.id if case.execution_mode == GRAPH else (case.policy, str(case.parameters))
+        groups.setdefault(key, []).append(case)
     most = max(1, min(BATCH_MAX, -(-len(cases) // (2 * processes))))
     return [
         portion
@@ -118,26 +96,26 @@ def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
     ]
 
 
-def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[MetricsOrReason]:
+def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[RunOutcome]:
     """Runs `cases` in this process, and writes their pictures to `folders`; a failure never affects other cases.
 
     Runs that were stepped together with a failing one are repeated one by one.
     """
     plans: dict[int, RunPlan] = {}
-    outcomes: dict[int, MetricsOrReason] = {}
+    outcomes: dict[int, RunOutcome] = {}
     for k, case in enumerate(cases):
         try:
             plans[k] = plan_of(case)
         except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
-            outcomes[k] = reason(error)
-    for together in batchable(plans):
-        outcomes |= _run_batched({k: plans[k] for k in together}, folders)
+            outcomes[k] = RunOutcome(None, reason(error))
+    for group in batchable(plans):
+        outcomes |= _run_batched({k: plans[k] for k in group}, folders)
     for k, case in enumerate(cases):
         if k not in outcomes:
             try:
-                outcomes[k] = run_in_process(case, folders[k])
+                outcomes[k] = RunOutcome(run_in_process(case, folders[k]))
             except Exception as error:  # noqa: BLE001 - as above
-                outcomes[k] = reason(error)
+                outcomes[k] = RunOutcome(None, reason(error))
     return [outcomes[k] for k in range(len(cases))]
 
 
@@ -159,10 +137,10 @@ def batchable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:
         yield from (some for some in portions(group, max(1, min(BATCH_MAX, STEPS_MAX // longest))) if len(some) > 1)
 
 
-def _run_batched(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> dict[int, MetricsOrReason]:
+def _run_batched(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> dict[int, RunOutcome]:
     """Returns results of the runs of `plans`, by their keys; empty if one of them fails."""
     try:
         runs = record_batch(list(plans.values()))
-        return {k: measured(run, folders[k]) for k, run in zip(plans, runs, strict=True)}
+        return {k: RunOutcome(measured(run, folders[k])) for k, run in zip(plans, runs, strict=True)}
     except Exception:  # noqa: BLE001 - on its own, each run reports its own error
         return {}

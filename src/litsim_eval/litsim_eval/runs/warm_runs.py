@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -11,16 +10,15 @@ from pathlib import Path
 
 from litsim_eval.campaign.case import Case
 from litsim_eval.runs.case_run import PRELOADED, TICK_S, RunOutcome, RunStopped, outcome_of
-from litsim_eval.runs.workers import Worker, serve
+from litsim_eval.runs.workers import WorkerPool, serve
 from litsim_sim.core.errors import InputError
-from litsim_sim.launch.child import how_it_ended
-from litsim_sim.launch.forked import preload, start_preloaded
+from litsim_sim.launch.forked import preload
 from litsim_sim.launch.middleware import is_secured
 
 END_S = 10.0  # [s] for an idle process to end its stack
 
 
-class WarmRuns:
+class WarmRuns(WorkerPool):
     """As many processes as there are runs at a time, each with a graph and a stack; a context manager.
 
     Raises:
@@ -30,9 +28,7 @@ class WarmRuns:
     def __init__(self) -> None:
         if is_secured(os.environ):
             raise InputError("--warm: DDS Security grants rights to separate nodes, expected runs without --warm")
-        self._idle: list[Worker] = []
-        self._all: list[Worker] = []
-        self._lock = threading.Lock()
+        super().__init__(_serve_warm)
 
     def __enter__(self) -> WarmRuns:
         return self
@@ -48,6 +44,7 @@ class WarmRuns:
     def run(self, case: Case, folder: Path, stopped: Callable[[], bool], time_limit_s: float) -> RunOutcome:
         """Runs a case into `folder`; arguments and errors are those of :func:`.case_run.run_over_graph`."""
         begin, late, failure = time.monotonic(), False, ""
+        preload(PRELOADED)
         worker = self._taken()
         try:
             worker.pipe.send((case, folder))
@@ -59,23 +56,13 @@ class WarmRuns:
                 failure = worker.pipe.recv()
                 self._idle.append(worker)
         except (EOFError, OSError):
-            worker.process.join()
-            failure = f"its process {how_it_ended(worker.process.exitcode or 0)}"
+            failure = worker.obituary()
         if stopped():
             raise RunStopped
         if late:
             worker.process.kill()
             worker.process.join()
         return outcome_of(folder, begin, failure, time_limit_s if late else None)
-
-    def _taken(self) -> Worker:
-        """Returns a process that has no run."""
-        with self._lock:
-            if self._idle:
-                return self._idle.pop()
-            preload(PRELOADED)
-            self._all.append(Worker.started(start_preloaded, _serve_warm))
-            return self._all[-1]
 
 
 def _serve_warm(pipe: Connection) -> None:

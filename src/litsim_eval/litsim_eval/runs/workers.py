@@ -7,14 +7,14 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from litsim_eval.campaign.case import Case
-from litsim_eval.runs.batched import MetricsOrReason, run_batch
+from litsim_eval.runs.batched import run_batch
 from litsim_eval.runs.case_run import RunOutcome
 from litsim_sim.launch.child import how_it_ended
 from litsim_sim.launch.forked import start_forked, start_preloaded
@@ -27,7 +27,7 @@ class WorkerEnded(Exception):
 
 @dataclass(frozen=True)
 class Worker:
-    """A process that runs batches of cases, and the pipe to it."""
+    """A process that serves requests, and the pipe to it."""
 
     process: BaseProcess
     pipe: Connection
@@ -40,8 +40,39 @@ class Worker:
         theirs.close()  # so that the end of the process closes the pipe
         return cls(process, ours)
 
+    def obituary(self) -> str:
+        """Waits for the end of the process, and returns how it has ended."""
+        self.process.join()
+        return f"its process {how_it_ended(self.process.exitcode or 0)}"
 
-class Workers:
+
+class WorkerPool:
+    """Processes that wait for requests; each request takes one of them, and a new one if all are taken."""
+
+    def __init__(self, main: Callable[[Connection], None]) -> None:
+        """`main` is the main function of the processes."""
+        self._main = main
+        self._all: list[Worker] = []
+        self._idle: list[Worker] = []
+        self._closed = False
+        self._starting = threading.Lock()
+
+    def _taken(self) -> Worker:
+        """Returns a process that has no request; raises WorkerEnded if there is none, and no further one is started."""
+        with self._starting:
+            if self._idle:
+                return self._idle.pop()
+            if self._closed:
+                raise WorkerEnded("its process was closed before it began")
+            return self._started(start_preloaded)
+
+    def _started(self, start: Callable[..., BaseProcess]) -> Worker:
+        """Returns a new process."""
+        self._all.append(Worker.started(start, self._main))
+        return self._all[-1]
+
+
+class Workers(WorkerPool):
     """One process for each thread that runs cases; a context manager.
 
     On entry, `count` processes are forked from this one, which must not have started those threads yet: they have all
@@ -50,12 +81,8 @@ class Workers:
     """
 
     def __init__(self, count: int) -> None:
+        super().__init__(_serve)
         self._count = count
-        self._mine = threading.local()
-        self._all: list[Worker] = []
-        self._idle: list[Worker] = []
-        self._closed = False
-        self._starting = threading.Lock()
 
     def __enter__(self) -> Workers:
         with signals_deferred():
@@ -75,12 +102,12 @@ class Workers:
                 worker.process.kill()
 
     def run(self, case: Case, folder: Path | None = None) -> RunOutcome:
-        """Runs a case in this thread's process; its picture is written to `folder`."""
+        """Runs a case in one of the processes; its picture is written to `folder`."""
         (outcome,) = self.run_batch([case], [folder])
         return outcome
 
     def run_batch(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[RunOutcome]:
-        """Runs cases in this thread's process, together where possible; their pictures are written to their `folders`.
+        """Runs cases in one of the processes, together where possible; their pictures are written to their `folders`.
 
         The wall time is divided equally among the cases. If the process ends, the cases are repeated one by one to find
         the one that ends it.
@@ -91,40 +118,20 @@ class Workers:
         except WorkerEnded as error:
             if len(cases) > 1:
                 return [self.run(case, folder) for case, folder in zip(cases, folders, strict=True)]
-            outcomes = [str(error)]
+            outcomes = [RunOutcome(None, str(error))]
         share = (time.monotonic() - begin) / len(cases)
-        return [
-            RunOutcome(None, outcome, wall_s=share) if isinstance(outcome, str) else RunOutcome(outcome, wall_s=share)
-            for outcome in outcomes
-        ]
+        return [replace(outcome, wall_s=share) for outcome in outcomes]
 
-    def _ask(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[MetricsOrReason]:
-        """Returns metrics of cases from this thread's process, or the reasons for their absence.
-
-        Raises:
-            WorkerEnded: the process has ended, or the workers are closed.
-        """
-        if not hasattr(self._mine, "worker"):
-            with self._starting:
-                if self._closed:
-                    raise WorkerEnded("its process was closed before it began")
-                self._mine.worker = self._idle.pop() if self._idle else self._started(start_preloaded)
-        worker: Worker = self._mine.worker
+    def _ask(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[RunOutcome]:
+        """Returns outcomes of cases; raises WorkerEnded if the process has ended, or the workers are closed."""
+        worker = self._taken()
         try:
             worker.pipe.send((cases, folders))
-            outcomes: list[MetricsOrReason] = worker.pipe.recv()
+            outcomes: list[RunOutcome] = worker.pipe.recv()
         except (EOFError, OSError):
-            worker.process.join()
-            status = worker.process.exitcode
-            assert status is not None
-            del self._mine.worker
-            raise WorkerEnded(f"its process {how_it_ended(status)}") from None
+            raise WorkerEnded(worker.obituary()) from None
+        self._idle.append(worker)
         return outcomes
-
-    def _started(self, start: Callable[..., BaseProcess]) -> Worker:
-        """Returns a new process."""
-        self._all.append(Worker.started(start, _serve))
-        return self._all[-1]
 
 
 def _serve(pipe: Connection) -> None:
