@@ -40,8 +40,7 @@ class StepClock:
     def finish(self) -> None:
         """Publish the ticks that are left of the current step, once it is answered and nobody waits for them."""
         if self._is_heard():
-            for time_ns in range(self._time + COARSE_NS, self._end, COARSE_NS):
-                self._show(time_ns)
+            self._fill(self._end)
 
     def repeat(self) -> None:
         """Publish the current time again, for subscribers that have come since."""
@@ -72,7 +71,7 @@ class StepClock:
 
     def _fill(self, until_ns: int) -> None:
         for time_ns in range(self._time + COARSE_NS, until_ns, COARSE_NS):
-            self._publish(time_ns)
+            self._show(time_ns)
 
     def _show(self, time_ns: int) -> None:
         self._time = time_ns
