@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from litsim_sim.core.scene import ARRAY_FIELDS, CONTROL_DTYPES, DTYPES, AgentTable, Controller
 from litsim_sim.core.stages import StageState
-from litsim_sim.record.bag import BagWriter, qos_yaml
+from litsim_sim.record.bag import BagTopic, BagWriter, qos_yaml
 from litsim_sim.record.run import Run, RunInfo, Status
 from litsim_sim.scenario.recording import COLUMNS
 
@@ -104,9 +104,10 @@ Skip = Collection[tuple[str, int]]
 def write_run(run: Run, folder: Path, skip: Skip = (), twice: Skip = (), finish: bool = True) -> Path:
     """Write `run` as the recorder does; `skip` and `twice` name topics and steps that are left out or doubled."""
     types = RosTypes()
-    writer = BagWriter(folder, "run", {"run_id": run.info.run_id})
+    writer = BagWriter(folder, "run")
+    writer.add_metadata("run", {"run_id": run.info.run_id})
     for topic, kind in TOPICS.items():
-        writer.add_topic(topic, kind, types.definition(kind), qos_yaml(10), types.store.hash_rihs01(kind))
+        writer.add_topic(BagTopic(topic, kind, types.definition(kind), qos_yaml(10), types.store.hash_rihs01(kind)))
     texts = {"scenario.yaml": run.info.scenario_yaml.encode(), "net.xml": run.net_xml}
     for name, data in (texts | {"recording.parquet": recording_bytes(run)}).items():
         if data:

@@ -25,7 +25,7 @@ from litsim_eval.benchmark.steps import (
 )
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import overlapping_pairs
-from litsim_sim.record.bag import BagReader, BagWriter
+from litsim_sim.record.bag import BagReader, BagTopic, BagWriter
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -100,8 +100,8 @@ def test_a_step_over_the_graph_is_what_lies_between_steps_after_the_history() ->
 
 
 def test_recording_is_timed_by_writing_the_messages_again(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "bag", "bag", {}) as writer:
-        writer.add_topic("/made", "made_msgs/msg/Made", "uint8 value", "[]", "")
+    with BagWriter(tmp_path / "bag", "bag") as writer:
+        writer.add_topic(BagTopic("/made", "made_msgs/msg/Made", "uint8 value", "[]", ""))
         for step in range(10):
             writer.write("/made", bytes([0, 1, 0, 0, step]), step * 10**8)
     assert time_recording(tmp_path / "bag", tmp_path / "again")["recording"] > 0.0

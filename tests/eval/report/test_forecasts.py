@@ -10,7 +10,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from litsim_eval.report.forecasts import FORECASTS, POINTS_MAX, read_forecasts
 from litsim_sim.core.errors import InputError
-from litsim_sim.record.bag import BagWriter, qos_yaml
+from litsim_sim.record.bag import BagTopic, BagWriter, qos_yaml
 from litsim_sim.record.run import Run
 
 DEFINITION = Path(__file__).resolve().parents[3] / "src/litsim_msgs/msg/JointForecast.msg"
@@ -53,9 +53,9 @@ def write(small_run: Run, tmp_path: Path) -> Any:
     store.register(get_types_from_msg(DEFINITION.read_text(), KIND))
 
     def write_bag(*described: dict[str, Any]) -> Run:
-        with BagWriter(tmp_path / "bag", "made", {}) as writer:
+        with BagWriter(tmp_path / "bag", "made") as writer:
             definition = store.generate_msgdef(KIND, ros_version=2)[0]
-            writer.add_topic(FORECASTS, KIND, definition, qos_yaml(10), store.hash_rihs01(KIND))
+            writer.add_topic(BagTopic(FORECASTS, KIND, definition, qos_yaml(10), store.hash_rihs01(KIND)))
             for values in described:
                 made = message(store.types, **({"run_id": small_run.info.run_id} | values))
                 writer.write(FORECASTS, bytes(store.serialize_cdr(made, KIND)), values["step"] * 100_000_000)

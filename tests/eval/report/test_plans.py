@@ -9,7 +9,7 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from litsim_eval.report.plans import AUTOWARE, NO_PLANS, PATH, POINTS_MAX, read_plans
-from litsim_sim.record.bag import BagWriter, qos_yaml
+from litsim_sim.record.bag import BagTopic, BagWriter, qos_yaml
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import EXTERNAL
 
@@ -36,8 +36,8 @@ def write(small_run: Run, tmp_path: Path) -> Any:
     def write_bag(kind: str, *plans: tuple[int, list[tuple[float, float]], list[float]]) -> Run:
         stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
         header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="map")
-        with BagWriter(tmp_path / "bag", "made", {}) as writer:
-            writer.add_topic(TOPIC, kind, store.generate_msgdef(kind, ros_version=2)[0], qos_yaml(1), "")
+        with BagWriter(tmp_path / "bag", "made") as writer:
+            writer.add_topic(BagTopic(TOPIC, kind, store.generate_msgdef(kind, ros_version=2)[0], qos_yaml(1), ""))
             for step, places, speeds in plans:
                 if kind == PATH:
                     stamped = types["geometry_msgs/msg/PoseStamped"]

@@ -1,6 +1,7 @@
 """A record as it is needed to run it again: scenario, messages by step, parameters; and what is noted or refused."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,8 @@ from rclpy.serialization import serialize_message
 from litsim_eval.runs.recorded_run import open_record
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_NS, EgoCommand
-from litsim_sim.record.bag import BagReader, BagWriter, qos_yaml
+from litsim_sim.record.bag import BagReader, BagWriter
 from litsim_sim.ros import messages, topics
-from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.scenario.run_info import RunPlan, versions
 from litsim_sim.scenario.scenario import Scenario, packaged
 
@@ -45,10 +45,10 @@ def write(scenario: Scenario, tmp_path: Path) -> Callable[..., Path]:
             "net.xml": scenario.net_path.read_bytes(),
             "recording.parquet": scenario.recording.to_parquet(),
         }
-        with BagWriter(tmp_path / "bag", "bag", {}) as writer:
+        with BagWriter(tmp_path / "bag", "bag") as writer:
             for topic in topics.RECORDED_TOPICS:
-                name = type_name(topic.type)
-                writer.add_topic(topic.name, name, definition(name), qos_yaml(1), hashes or type_hash(name))
+                described = topic.described
+                writer.add_topic(replace(described, type_hash=hashes or described.type_hash))
             for name, data in attached.items():
                 if name != without:
                     writer.attach(name, "", data)
@@ -148,9 +148,9 @@ def test_a_message_that_cannot_be_read_is_named(write: Any, run_id: str) -> None
     path = write(ego(0, 1.0, run_id)) / "bag_0.mcap"
     reader = BagReader(path)
     said = list(reader.messages())
-    with BagWriter(path.parent, "bag", {}, overwrite=True) as writer:
+    with BagWriter(path.parent, "bag", overwrite=True) as writer:
         for topic in reader.topics.values():
-            writer.add_topic(topic.name, topic.type_name, topic.definition, topic.qos_yaml, topic.type_hash)
+            writer.add_topic(topic)
         for message in said:
             data = message.data[:9] if message.topic == topics.EGO_CONTROL.name else message.data
             writer.write(message.topic, data, message.log_time_ns)

@@ -21,11 +21,10 @@ from litsim_predictor.models import DEFAULT_MODEL, PredictorConfig, make_predict
 from litsim_predictor.ros.messages import forecast_to_message
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_NS
-from litsim_sim.record.bag import BagWriter, qos_yaml
+from litsim_sim.record.bag import BagWriter
 from litsim_sim.record.seal import RunFacts, write_seal
 from litsim_sim.ros import messages, topics
 from litsim_sim.ros.cdr import without_padding
-from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
@@ -62,10 +61,9 @@ def write(answered: Any, tmp_path: Path) -> Callable[..., Path]:
 
     def bag(tamper: Tamper = lambda topic, step, message: message, **ready: str) -> Path:
         scenario, info, found = answered
-        with BagWriter(tmp_path / "bag", "bag", {}) as writer:
+        with BagWriter(tmp_path / "bag", "bag") as writer:
             for topic in topics.RECORDED_TOPICS:
-                name = type_name(topic.type)
-                writer.add_topic(topic.name, name, definition(name), qos_yaml(1), type_hash(name))
+                writer.add_topic(topic.described)
             gone = {"recording": "/gone", "net": "/gone", "crop": {"v": [0, 1]}}
             fields = yaml.safe_load(scenario.to_yaml()) | gone
             writer.attach("scenario.yaml", "", yaml.safe_dump(fields).encode())

@@ -16,7 +16,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.record.bag import CHUNK_BYTES, BagReader, BagWriter, find_mcap, qos_yaml
+from litsim_sim.record.bag import CHUNK_BYTES, BagReader, BagTopic, BagWriter, find_mcap, qos_yaml
 from litsim_sim.record.mcap_survey import CHUNK_MAX, records_of
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -40,10 +40,11 @@ def pose_cdr(step: int) -> bytes:
 
 
 def open_writer(folder: Path, **options: bool) -> BagWriter:
-    writer = BagWriter(folder, "run", {"git": "abc", "seed": "7"}, **options)
+    writer = BagWriter(folder, "run", **options)
+    writer.add_metadata("run", {"git": "abc", "seed": "7"})
     for topic, type_name in TYPES.items():
         definition, _ = STORE.generate_msgdef(type_name, ros_version=2)
-        writer.add_topic(topic, type_name, definition, qos_yaml(10), STORE.hash_rihs01(type_name))
+        writer.add_topic(BagTopic(topic, type_name, definition, qos_yaml(10), STORE.hash_rihs01(type_name)))
     return writer
 
 
@@ -93,7 +94,6 @@ def test_metadata_yaml_is_that_of_rosbag2_and_in_the_file_too(tmp_path: Path) ->
     topic = information["topics_with_message_count"][0]
     assert topic["message_count"] == 25
     assert topic["topic_metadata"]["offered_qos_profiles"][0]["depth"] == 10
-    assert information["custom_data"] == {"git": "abc", "seed": "7"}
     with path.open("rb") as stream:
         records = [m.metadata for m in make_reader(stream).iter_metadata() if m.name == "rosbag2"]
     assert records[0] == {"ROS_DISTRO": "jazzy"}
@@ -190,12 +190,12 @@ def test_output_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 def test_full_disk_is_said_and_leaves_what_was_written(tmp_path: Path) -> None:
     program = f"""
         import os
-        from litsim_sim.record.bag import BagWriter, qos_yaml
+        from litsim_sim.record.bag import BagTopic, BagWriter, qos_yaml
         from litsim_sim.core.errors import InputError
         from pathlib import Path
         try:
-            with BagWriter(Path({str(tmp_path / "bag")!r}), "run", {{}}) as writer:
-                writer.add_topic("/text", "std_msgs/msg/String", "string data\\n", qos_yaml(1), "")
+            with BagWriter(Path({str(tmp_path / "bag")!r}), "run") as writer:
+                writer.add_topic(BagTopic("/text", "std_msgs/msg/String", "string data\\n", qos_yaml(1), ""))
                 for step in range(100):
                     writer.write("/text", bytes([0, 1, 0, 0]) + os.urandom(10_000), step * {STEP_NS})
         except InputError as error:
@@ -227,9 +227,9 @@ def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
 def test_wrong_calls_are_refused(tmp_path: Path) -> None:
     with open_writer(tmp_path / "bag") as writer:
         with pytest.raises(ValueError, match="added already"):
-            writer.add_topic("/pose", "std_msgs/msg/String", "string data\n", qos_yaml(1), "")
+            writer.add_topic(BagTopic("/pose", "std_msgs/msg/String", "string data\n", qos_yaml(1), ""))
         with pytest.raises(ValueError, match="QoS must be a YAML list"):
-            writer.add_topic("/new", "std_msgs/msg/String", "string data\n", "reliable", "")
+            writer.add_topic(BagTopic("/new", "std_msgs/msg/String", "string data\n", "reliable", ""))
 
 
 @pytest.mark.parametrize("stated", [2**40, 10])

@@ -35,8 +35,8 @@ def test_format_1_is_read() -> None:
 
 
 def written(folder: Path, **metadata: str) -> Path:
-    with BagWriter(folder, "run", metadata):
-        pass
+    with BagWriter(folder, "run") as writer:
+        writer.add_metadata("run", metadata)
     return folder / "run_0.mcap"
 
 

@@ -170,11 +170,11 @@ def test_nothing_to_play_is_an_error() -> None:
 
 def write(folder: Path, steps: int = 25, *, clock: bool = True) -> Path:
     latched = qos_yaml(1, durability="transient_local")
-    with BagWriter(folder, "run", {"seed": "7"}) as writer:
+    with BagWriter(folder, "run") as writer:
         if clock:
-            writer.add_topic("/clock", CLOCK.type_name, DEFINITION, qos_yaml(10), "RIHS01_1")
-        writer.add_topic("/a", "std_msgs/msg/Int8", "int8 data", qos_yaml(100), "RIHS01_2")
-        writer.add_topic("/map", "std_msgs/msg/Int8", "int8 data", latched, "RIHS01_2")
+            writer.add_topic(BagTopic("/clock", CLOCK.type_name, DEFINITION, qos_yaml(10), "RIHS01_1"))
+        writer.add_topic(BagTopic("/a", "std_msgs/msg/Int8", "int8 data", qos_yaml(100), "RIHS01_2"))
+        writer.add_topic(BagTopic("/map", "std_msgs/msg/Int8", "int8 data", latched, "RIHS01_2"))
         writer.attach("scenario.yaml", "application/yaml", b"name: demo\n")
         writer.write("/map", b"\0", 0)
         for step in range(steps):

@@ -15,7 +15,7 @@ from litsim_eval.analysis.measures.identity import digest
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, Controller, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
-from litsim_sim.record.bag import BagReader, BagWriter, qos_yaml
+from litsim_sim.record.bag import BagReader, BagTopic, BagWriter, qos_yaml
 from litsim_sim.record.run import TopicGaps, read_run
 
 Make = Callable[..., Any]
@@ -79,11 +79,11 @@ def test_round_trip(run: Any, write_run: Make, tmp_path: Path) -> None:
 def test_what_a_stack_tells_of_its_minimum_risk_manoeuvre(run: Any, write_run: Make, tmp_path: Path) -> None:
     bag = write_run(run, tmp_path / "bag")
     whole = BagReader(bag)
-    with BagWriter(tmp_path / "more", "more", {}) as writer:
+    with BagWriter(tmp_path / "more", "more") as writer:
         for topic in whole.topics.values():
-            writer.add_topic(topic.name, topic.type_name, topic.definition, topic.qos_yaml, topic.type_hash)
+            writer.add_topic(topic)
         kind = "autoware_adapi_v1_msgs/msg/MrmState"
-        writer.add_topic("/mrm", kind, "uint16 state\nuint16 behavior\n", qos_yaml(1), "")
+        writer.add_topic(BagTopic("/mrm", kind, "uint16 state\nuint16 behavior\n", qos_yaml(1), ""))
         for message in whole.messages():
             writer.write(message.topic, message.data, message.log_time_ns)
         for step, state in ((3, 1), (7, 2)):
@@ -147,16 +147,16 @@ def test_kinds_of_gaps(steps: list[int], expected: TopicGaps) -> None:
 
 
 def test_other_bags_are_refused(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "bag", "run", {}) as writer:
-        writer.add_topic("/text", "std_msgs/msg/String", "string data\n", qos_yaml(1), "")
+    with BagWriter(tmp_path / "bag", "run") as writer:
+        writer.add_topic(BagTopic("/text", "std_msgs/msg/String", "string data\n", qos_yaml(1), ""))
         writer.write("/text", bytes([0, 1, 0, 0, 2, 0, 0, 0, 65, 0]), 0)
     with pytest.raises(InputError, match="no LitSim run: no message on /litsim/run_info"):
         read_run(tmp_path / "bag")
 
 
 def test_messages_of_another_version_are_refused(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "bag", "run", {}) as writer:
-        writer.add_topic("/litsim/run_info", "litsim_msgs/msg/RunInfo", "string name\n", qos_yaml(1), "")
+    with BagWriter(tmp_path / "bag", "run") as writer:
+        writer.add_topic(BagTopic("/litsim/run_info", "litsim_msgs/msg/RunInfo", "string name\n", qos_yaml(1), ""))
         writer.write("/litsim/run_info", bytes([0, 1, 0, 0, 2, 0, 0, 0, 65, 0]), 0)
     with pytest.raises(InputError, match=r"topic /litsim/run_info at 0.0 s: cannot be read as the litsim_msgs"):
         read_run(tmp_path / "bag")

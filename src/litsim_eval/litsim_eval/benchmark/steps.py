@@ -207,9 +207,9 @@ def time_recording(bag: Path, folder: Path) -> Sample:
     messages = list(reader.messages())
     steps = 1 + round(max(message.log_time_ns for message in messages) * 1e-9 / STEP_S)
     begin = time.perf_counter()
-    with BagWriter(folder, "again", {}, overwrite=True) as writer:
+    with BagWriter(folder, "again", overwrite=True) as writer:
         for topic in reader.topics.values():
-            writer.add_topic(topic.name, topic.type_name, topic.definition, topic.qos_yaml, topic.type_hash)
+            writer.add_topic(topic)
         for message in messages:
             writer.write(message.topic, message.data, message.log_time_ns)
     return {RECORDING: 1e3 * (time.perf_counter() - begin) / steps}

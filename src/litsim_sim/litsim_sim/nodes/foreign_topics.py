@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from litsim_sim.record.bag import BagWriter, qos_yaml
+from litsim_sim.record.bag import BagTopic, BagWriter, qos_yaml
 from litsim_sim.ros.definitions import definition, message_class, type_hash
 
 LOOK_S = 0.5  # [s] between two looks for publishers
@@ -47,5 +47,5 @@ class ForeignTopics:
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
         offered = qos_yaml(QUEUE, durability="transient_local" if latched else "volatile")
-        self._writer.add_topic(name, type_name, definition(type_name), offered, type_hash(type_name))
+        self._writer.add_topic(BagTopic(name, type_name, definition(type_name), offered, type_hash(type_name)))
         self._node.create_subscription(message_type, name, lambda data: self._take(name, data), qos, raw=True)

@@ -21,9 +21,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from litsim_sim.core.scene import STEP_NS, AgentTable
 from litsim_sim.nodes.live_server import LiveServer
-from litsim_sim.record.bag import BagTopic
 from litsim_sim.ros import cdr
-from litsim_sim.ros.definitions import definition, type_name
 from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, modes_off_log
 from litsim_sim.ros.parameters import refuse_parameters
 from litsim_sim.ros.process import process, serve
@@ -127,7 +125,8 @@ def live(ros_arguments: Sequence[str], rate: float, server_at: tuple[str, int, C
     sys.argv[1:] = ros_arguments  # read by rclpy's initialisation
     with process(interrupted=0):
         os.nice(NICENESS)
-        server = LiveServer(map(_described, (*RECORDED_TOPICS, *MARKERS)), *server_at) if server_at else None
+        topics = (topic.described for topic in (*RECORDED_TOPICS, *MARKERS))
+        server = LiveServer(topics, *server_at) if server_at else None
         node = LiveNode(server)
         if server is not None:
             node.get_logger().info(f"Foxglove: open a connection to {server.url}")
@@ -143,8 +142,3 @@ def live(ros_arguments: Sequence[str], rate: float, server_at: tuple[str, int, C
         finally:
             if server is not None:
                 server.close()
-
-
-def _described(topic: Topic) -> BagTopic:
-    name = type_name(topic.type)
-    return BagTopic(topic.name, name, definition(name))

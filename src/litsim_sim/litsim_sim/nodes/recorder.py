@@ -25,11 +25,10 @@ from litsim_sim.nodes.foreign_topics import LOOK_S, ForeignTopics
 from litsim_sim.nodes.options import recorder_stage
 from litsim_sim.nodes.publishers import Owners, Visits, owners
 from litsim_sim.nodes.responses import RunFailed
-from litsim_sim.record.bag import FORMAT, FORMAT_KEY, BagWriter, qos_yaml
+from litsim_sim.record.bag import FORMAT, FORMAT_KEY, BagWriter
 from litsim_sim.record.step_buffer import BufferedRun, StepBuffer
 from litsim_sim.ros import messages
 from litsim_sim.ros.cdr import run_id_of, stamp_ns, without_padding
-from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.process import process, spin
@@ -69,7 +68,7 @@ class RecorderNode(Node):
         super().__init__(STAGE, automatically_declare_parameters_from_overrides=True, **options)
         chosen = read_parameters(self, recorder_stage)
         output = Path(chosen.output)
-        self._writer = BagWriter(output, output.resolve().name, {}, overwrite=chosen.overwrite)
+        self._writer = BagWriter(output, output.resolve().name, overwrite=chosen.overwrite)
         self.finished = False
         self._run_id = ""
         self._buffer: StepBuffer | None = None  # None before a run has begun
@@ -92,7 +91,7 @@ class RecorderNode(Node):
             subscribe(self, topic, self._receiver(topic), raw=True, depth=WAITING, matched=self._visits.of(topic))
         subscribe(self, HELLO, self._on_hello)
         for topic in RECORDED_TOPICS:  # during DDS discovery
-            add_topic(self._writer, topic)
+            self._writer.add_topic(topic.described)
 
     @property
     def gaps(self) -> str:
@@ -248,15 +247,6 @@ def _tells_run(topic: Topic, info: RunInfo) -> bool:
     """
     ours = topic not in FOREIGN or topic.name in info.topics
     return ours and topic not in (RUN_INFO, STATUS) and "run_id" in topic.type.get_fields_and_field_types()
-
-
-def add_topic(writer: BagWriter, topic: Topic) -> None:
-    """Add a topic of the graph to a bag, with its definition, offered QoS and type hash."""
-    name = type_name(topic.type)
-    durability = "transient_local" if topic.latched else "volatile"
-    writer.add_topic(
-        topic.name, name, definition(name), qos_yaml(topic.qos.depth, durability=durability), type_hash(name)
-    )
 
 
 def describe(writer: BagWriter, info: RunInfo) -> None:

@@ -26,7 +26,6 @@ from litsim_sim.record.mcap_survey import DAMAGE, Place, damage_at, parse, recor
 
 METADATA_FILE = "metadata.yaml"
 ROS_DISTRO, METADATA_VERSION = "jazzy", 9  # version of rosbag2's metadata.yaml since then
-RUN_RECORD = "litsim"  # name of the metadata record with the caller's metadata of the run
 ROSBAG2_RECORD = "rosbag2"
 FORMAT = 1
 """Version of a recording's content: topics, message definitions, attachments, metadata. It increases if an earlier
@@ -99,14 +98,13 @@ class BagWriter:
     leave it. Every method raises InputError if the disk is full or the file cannot be written.
     """
 
-    def __init__(self, folder: Path, name: str, metadata: dict[str, str], *, overwrite: bool = False) -> None:
-        """Create the file `name`, and write `metadata` of the run, which `metadata.yaml` repeats, as its first record.
+    def __init__(self, folder: Path, name: str, *, overwrite: bool = False) -> None:
+        """Create the file `name`.
 
         Raises an InputError if `folder` holds a bag already and not `overwrite`, is not a folder, or cannot be
         written.
         """
         self.path = folder / f"{name}_0.mcap"
-        self._custom = dict(metadata)
         self._topics: dict[str, BagTopic] = {}
         self._counts: dict[str, int] = {}
         self._channels: dict[str, int] = {}
@@ -125,24 +123,23 @@ class BagWriter:
             )
             self._writer.start(profile="ros2", library=f"litsim {LIBRARY_IDENTIFIER}")
             self._writer.add_metadata(ROSBAG2_RECORD, {"ROS_DISTRO": ROS_DISTRO})
-            if self._custom:
-                self._writer.add_metadata(RUN_RECORD, self._custom)
             self._stream.flush()
 
-    def add_topic(self, topic: str, type_name: str, definition: str, qos_yaml: str, type_hash: str) -> None:
-        """Announce a topic before its first message; arguments as in :class:`BagTopic`."""
-        if topic in self._topics:
-            raise ValueError(f"topic {topic} was added already")
-        if not qos_yaml.lstrip().startswith(("-", "[")):
-            raise ValueError(f"topic {topic}: QoS must be a YAML list of profiles, got {qos_yaml!r}")
+    def add_topic(self, topic: BagTopic) -> None:
+        """Announce a topic before its first message."""
+        if topic.name in self._topics:
+            raise ValueError(f"topic {topic.name} was added already")
+        if not topic.qos_yaml.lstrip().startswith(("-", "[")):
+            raise ValueError(f"topic {topic.name}: QoS must be a YAML list of profiles, got {topic.qos_yaml!r}")
         with self._writing():
-            if type_name not in self._schemas:
-                self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", definition.encode())
-            metadata = {"offered_qos_profiles": qos_yaml, "topic_type_hash": type_hash}
-            schema = self._schemas[type_name]
-            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, metadata)
-        self._topics[topic] = BagTopic(topic, type_name, definition, qos_yaml, type_hash)
-        self._counts[topic] = 0
+            if topic.type_name not in self._schemas:
+                definition = topic.definition.encode()
+                self._schemas[topic.type_name] = self._writer.register_schema(topic.type_name, "ros2msg", definition)
+            metadata = {"offered_qos_profiles": topic.qos_yaml, "topic_type_hash": topic.type_hash}
+            schema = self._schemas[topic.type_name]
+            self._channels[topic.name] = self._writer.register_channel(topic.name, "cdr", schema, metadata)
+        self._topics[topic.name] = topic
+        self._counts[topic.name] = 0
 
     def write(self, topic: str, cdr: bytes, log_time_ns: int) -> None:
         """Append a serialised message (with its encapsulation header) at simulation time `log_time_ns`."""
@@ -256,7 +253,7 @@ class BagWriter:
             "compression_mode": "",
             "relative_file_paths": [self.path.name],
             "files": [{"path": self.path.name, **span}],
-            "custom_data": self._custom or None,
+            "custom_data": None,
             "ros_distro": ROS_DISTRO,
         }
 
@@ -293,7 +290,7 @@ class BagReader:
         path: the MCAP file.
         topics: topics by name.
         attachments: contents by name.
-        metadata: metadata of the run, as given to the writer; later records override earlier ones.
+        metadata: metadata of the run; later records override earlier ones.
         complete: whether the writer was closed; if not, everything up to the last complete chunk is read.
         problem: why the file is incomplete; empty for a complete one.
     """

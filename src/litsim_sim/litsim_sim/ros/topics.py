@@ -32,6 +32,8 @@ from visualization_msgs.msg import MarkerArray
 from litsim_sim.core import topic_names
 from litsim_sim.core.lockstep import RECORDER_WINDOW
 from litsim_sim.core.topic_names import Interface
+from litsim_sim.record.bag import BagTopic, qos_yaml
+from litsim_sim.ros.definitions import definition, type_hash, type_name
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -62,6 +64,12 @@ class Topic:
             history=HistoryPolicy.KEEP_LAST,
             depth=1 if self.latched else 2 * RECORDER_WINDOW,
         )
+
+    @property
+    def described(self) -> BagTopic:
+        """The topic as a bag has it: with its definition, offered QoS and type hash."""
+        name, durability = type_name(self.type), "transient_local" if self.latched else "volatile"
+        return BagTopic(self.name, name, definition(name), qos_yaml(self.qos.depth, durability), type_hash(name))
 
 
 RUN_INFO = Topic(topic_names.RUN_INFO, RunInfo, latched=True)
