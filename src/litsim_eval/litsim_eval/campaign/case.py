@@ -16,7 +16,7 @@ from litsim_eval.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import Parameters, by_place
-from litsim_sim.core.stages import POLICY_STAGES
+from litsim_sim.core.stages import BRIDGE, POLICY_STAGES
 from litsim_sim.scenario.policies import REPLAY
 from litsim_sim.scenario.run_info import EXTERNAL, plain_values, versions
 from litsim_sim.scenario.scenario import Scenario
@@ -25,6 +25,7 @@ ID_LENGTH = 16
 SCENARIOS_KEPT = 4  # most scenarios in memory while cases are made
 MODEL = "model"  # a parameter that labels of variants name by its value alone
 DRAWING, DRIVERS, DRAWN = "litsim", "policy.drivers", "drawn"  # the policy that draws drivers, and how it is told to
+PATIENCE = f"{BRIDGE}.external_timeout_s"  # the parameter that `ready_s` of an ego sets
 NOT_OF_THE_RESULT = ("commit",)
 """Versions that reports show but that do not affect identities: the digest of the sources does."""
 OF_NO_RUN = {"name", "description", "ego", "egos", "tuning", "seed", "draw", "end_after_contact_s"}
@@ -100,8 +101,10 @@ class Case:
 
     @property
     def stage_parameters(self) -> Parameters:
-        """All parameters of the run, the ego's own included, by stage and name."""
+        """All parameters of the run by stage and name, with those of the ego and how long the bridge waits for it."""
         values = {**self.ego.parameters, **dict(self.parameters)}
+        if self.ego.ready_s is not None:
+            values[PATIENCE] = self.ego.ready_s
         return by_place(values.items())
 
     def to_json(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import threading
 from collections import Counter
 from collections.abc import Collection, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import asdict, dataclass, field
 
 from tqdm import tqdm
@@ -113,9 +113,7 @@ class LocalRuns:
         where = self.folder.run_folder(case)
         if self.warm is not None and not is_elsewhere(case) and not case.ego.adapter:
             return self.warm.run(case, where, self._stopped.is_set, self.time_limit_s)
-        if not is_elsewhere(case):
-            return run_over_graph(case, where, self._stopped.is_set, self.time_limit_s)
-        with self._meeting:  # the stack is in one domain, which takes one run at a time
+        with self._meeting if is_elsewhere(case) else nullcontext():  # the stack's domain takes one run at a time
             return run_over_graph(case, where, self._stopped.is_set, self.time_limit_s)
 
 

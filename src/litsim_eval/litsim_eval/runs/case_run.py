@@ -118,7 +118,7 @@ def check_case(case: Case) -> None:
         configured(case.ego.kind, case.policy, case.stage_parameters)
         return
     find_executable(*LAUNCHER)
-    plan = RunPlan(_scenario(case.scenario), case.ego.kind, case.policy, graph_parameters(case))
+    plan = RunPlan(_scenario(case.scenario), case.ego.kind, case.policy, case.stage_parameters)
     nodes_of(plan, case.scenario, Path(RECORDING), ego_interface=case.ego.interface)
     if case.ego.command:
         case.ego.check_command()
@@ -232,14 +232,6 @@ def _scenario(name: str) -> Scenario:
     return Scenario.load(name)
 
 
-def graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
-    """Returns parameters of the nodes, including the time for which the bridge waits for an external ego."""
-    parameters = {stage: dict(values) for stage, values in case.stage_parameters.items()}
-    if case.ego.ready_s is not None:
-        parameters.setdefault("bridge", {})["external_timeout_s"] = case.ego.ready_s
-    return parameters
-
-
 def _launch(case: Case, out: Path) -> list[str]:
     """Returns the launcher's command line."""
     argv = [str(find_executable(*LAUNCHER)), "--quiet", "--overwrite", "--out", str(out), "--case", str(out.parent)]
@@ -250,7 +242,7 @@ def _launch(case: Case, out: Path) -> list[str]:
     argv += [] if case.end_after_contact_s is None else ["--end-after-contact", str(case.end_after_contact_s)]
     settings = [
         f"{stage}.{name}={json.dumps(value)}"
-        for stage, values in graph_parameters(case).items()
+        for stage, values in case.stage_parameters.items()
         for name, value in values.items()
     ]
     argv += ["--set", *settings] if settings else []

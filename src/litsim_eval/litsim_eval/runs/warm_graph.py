@@ -22,7 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from litsim_eval.campaign.case import Case
 from litsim_eval.report.recorded import RecordedAnalysis
-from litsim_eval.runs.case_run import RECORDING, graph_parameters, plan_of
+from litsim_eval.runs.case_run import RECORDING, plan_of
 from litsim_policy.driving.stages_node import STAGES
 from litsim_sim.core.errors import reason
 from litsim_sim.core.stages import BRIDGE, RECORDER
@@ -41,7 +41,6 @@ from litsim_sim.record.bag import discard_derived, make_room
 from litsim_sim.record.failure import write_failure
 from litsim_sim.record.seal import write_seal
 from litsim_sim.ros.in_process import InProcessTransport
-from litsim_sim.scenario.run_info import RunPlan
 
 COLLECT_RUNS = 20  # [runs] between two collections of garbage, of which a run leaves a MB
 LOOK_S = 0.1  # [s] between two looks at the stack during a run
@@ -115,7 +114,6 @@ class WarmGraph:
     def _drive(self, case: Case, out: Path) -> None:
         """Make the run of a case, recorded to `out`."""
         plan = plan_of(case)
-        plan = RunPlan(plan.scenario, plan.ego, plan.policy, graph_parameters(case))
         bridge = {"ego_interface": case.ego.interface, "progress": "none"}
         nodes = nodes_of(plan, case.scenario, out, overwrite=True, **bridge)
         begin_net_check(plan.scenario.net_path)()

@@ -40,18 +40,13 @@ def middleware_settings(environment: Mapping[str, str]) -> dict[str, str]:
     return {PROFILES[0]: str(NETWORK)}
 
 
-def enclave_of(program: str) -> str:
-    """Returns the enclave of DDS Security that the nodes of a program are in, unless the user has chosen another."""
-    return f"/litsim/{program}"
-
-
 def enclave_setting(environment: Mapping[str, str], program: str, argv: Sequence[str] = ()) -> dict[str, str]:
     """Returns the variables to set in `environment` for `program`, with the arguments `argv`, to be in its enclave.
 
-    None if security is not requested, or the user has chosen an enclave.
+    None if DDS Security is not requested, or the user has chosen an enclave.
     """
     chosen = environment.get(ENCLAVE) or ENCLAVE_OPTIONS & set(argv)
-    return {ENCLAVE: enclave_of(program)} if is_secured(environment) and not chosen else {}
+    return {ENCLAVE: f"/litsim/{program}"} if is_secured(environment) and not chosen else {}
 
 
 def is_secured(environment: Mapping[str, str]) -> bool:
