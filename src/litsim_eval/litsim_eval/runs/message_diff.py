@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from array import array
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,8 @@ AGENT_FIELDS = ("id", "agent")
 LENGTH = "length of "
 
 Value = str | float | int | bool | None
+Apart = tuple[str, int | None, Value, Value]
+"""Field, agent concerned if there is one, and the recorded and the computed value."""
 
 
 @dataclass(frozen=True)
@@ -33,15 +35,6 @@ class Difference:
     agent: int | None = None
     recorded: Value = None
     computed: Value = None
-
-    def of_field(self, name: str, recorded: Any, computed: Any, agent: int | None = None) -> Difference:
-        """Returns a difference in the field `name` of what this one stands for."""
-        return replace(self.within(name, agent), recorded=_plain(recorded), computed=_plain(computed))
-
-    def within(self, name: str, agent: int | None = None) -> Difference:
-        """Returns what stands for the field `name` of this one; the agent stays the same unless it is given."""
-        field = f"{self.field}.{name}" if self.field else name
-        return replace(self, field=field, agent=self.agent if agent is None else agent)
 
     @property
     def amount(self) -> float | None:
@@ -93,86 +86,74 @@ def differences(topic: str, step: int, recorded: Any, computed: Any) -> list[Dif
 
     Floats are compared by their bits: 0.0 and -0.0 differ, and a NaN equals itself.
     """
-    return _differences(recorded, computed, Difference(topic, step))
+    return [Difference(topic, step, *apart) for apart in _differences("", None, recorded, computed)]
 
 
-def _differences(recorded: Any, computed: Any, place: Difference) -> list[Difference]:
-    ids = tuple(_ids(message) for message in (recorded, computed))
-    if ids[0] is not None and ids[1] is not None and not np.array_equal(ids[0], ids[1]):
-        return _one_sided("id", ids[0].tolist(), ids[1].tolist(), place)  # the other arrays are parallel to the ids
-    apart: list[Difference] = []
+def _differences(within: str, agent: int | None, recorded: Any, computed: Any) -> Iterator[Apart]:
+    """Yields the fields that differ in two messages; their names begin with `within`, and `agent` is concerned."""
+    ids, others = _ids(recorded), _ids(computed)
+    if ids is not None and others is not None and ids != others:
+        yield from _one_sided(f"{within}id", ids, others)  # the other arrays are parallel to the ids
+        return
     for name in recorded.get_fields_and_field_types():
-        a, b = getattr(recorded, name), getattr(computed, name)
+        field, a, b = within + name, getattr(recorded, name), getattr(computed, name)
         if hasattr(a, "get_fields_and_field_types"):
-            apart += _differences(a, b, place.within(name))
+            yield from _differences(f"{field}.", agent, a, b)
         elif _of_messages(a) or _of_messages(b):
-            apart += _records(name, a, b, place)
+            yield from _records(field, agent, a, b)
         elif isinstance(a, str):
-            apart += [] if a == b else [place.of_field(name, a, b)]
-        elif isinstance(a, list | array | np.ndarray | bytes):
-            apart += _arrays(name, np.asarray(a), np.asarray(b), ids[0], place)
-        elif np.asarray(a).tobytes() != np.asarray(b, np.asarray(a).dtype).tobytes():
-            apart.append(place.of_field(name, a, b))
-    return apart
+            yield from [] if a == b else [(field, agent, a, b)]
+        else:
+            yield from _values(field, agent, np.asarray(a), np.asarray(b), ids)
 
 
-def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, place: Difference) -> list[Difference]:
-    if len(a) != len(b):
-        return [place.of_field(f"{LENGTH}{name}", len(a), len(b))]
-    if a.dtype == b.dtype and a.tobytes() == b.tobytes():
-        return []
+def _values(field: str, agent: int | None, a: np.ndarray, b: np.ndarray, ids: list[int] | None) -> Iterator[Apart]:
+    """Yields the difference of two numbers, or the first and the largest of two arrays, maybe parallel to `ids`."""
+    if a.shape != b.shape:
+        yield f"{LENGTH}{field}", agent, len(a), len(b)
+        return
+    alone, width = not a.ndim, len(a) // len(ids) if a.ndim and ids else 0
+    a, b = np.atleast_1d(a), np.atleast_1d(b.astype(a.dtype, copy=False))
+    if a.tobytes() == b.tobytes():
+        return
     apart = np.flatnonzero([x.tobytes() != y.tobytes() for x, y in zip(a, b, strict=True)])
-    width = len(a) // len(ids) if ids is not None and len(ids) else 0
     chosen = [int(apart[0])]
     if a.dtype.kind == "f":
         gaps = np.abs(a[apart].astype(np.float64) - b[apart].astype(np.float64))
         chosen.append(int(apart[int(np.argmax(np.nan_to_num(gaps)))]))
-    differing = []
     for index in dict.fromkeys(chosen):
-        agent = int(ids[index // width]) if ids is not None and width else None
-        label = f"{name}[{index % width}]" if width > 1 else name if width else f"{name}[{index}]"
-        differing.append(place.of_field(label, a[index], b[index], agent))
-    return differing
+        concerned = ids[index // width] if ids and width else agent
+        place = "" if alone or width == 1 else f"[{index % width if width else index}]"
+        yield f"{field}{place}", concerned, a[index].item(), b[index].item()
 
 
-def _records(name: str, a: list[Any], b: list[Any], place: Difference) -> list[Difference]:
-    """Returns differences between two lists of messages, matched by agent if they have one, else by index."""
-    keys_a, keys_b = _keys(a), _keys(b)
-    if keys_a != keys_b:
-        return _one_sided(name, keys_a, keys_b, place)
-    named = bool(a) and hasattr(a[0], AGENT_FIELDS[1])
-    apart = []
-    for key, x, y in zip(keys_a, a, b, strict=True):
-        apart += _differences(x, y, place.within(name, key) if named else place.within(f"{name}[{key}]"))
-    return apart
+def _records(field: str, agent: int | None, a: list[Any], b: list[Any]) -> Iterator[Apart]:
+    """Yields differences between two lists of messages, matched by agent if they have one, else by index."""
+    keys, others = ([int(getattr(message, AGENT_FIELDS[1], k)) for k, message in enumerate(both)] for both in (a, b))
+    if keys != others:
+        yield from _one_sided(field, keys, others)
+        return
+    named = hasattr(a[0], AGENT_FIELDS[1])
+    for key, x, y in zip(keys, a, b, strict=True):
+        yield from _differences(f"{field}." if named else f"{field}[{key}].", key if named else agent, x, y)
 
 
-def _keys(records: list[Any]) -> list[int]:
-    return [int(getattr(record, AGENT_FIELDS[1], index)) for index, record in enumerate(records)]
-
-
-def _one_sided(name: str, a: list[int], b: list[int], place: Difference) -> list[Difference]:
+def _one_sided(field: str, a: list[int], b: list[int]) -> list[Apart]:
     """Returns differences of two unequal lists of agents: those in only one of them, or the order if there are none."""
+    presence = {True: "present", False: "absent"}
     alone = sorted(set(a) ^ set(b))
-    if not alone:
-        return [place.of_field(f"order of {name}", str(a), str(b))]
-    return [
-        place.of_field(name, "present" if agent in a else "absent", "present" if agent in b else "absent", agent)
-        for agent in alone
+    return [(field, agent, presence[agent in a], presence[agent in b]) for agent in alone] or [
+        (f"order of {field}", None, str(a), str(b))
     ]
 
 
-def _ids(message: Any) -> np.ndarray | None:
+def _ids(message: Any) -> list[int] | None:
     values = getattr(message, AGENT_FIELDS[0], None)
-    return None if values is None or np.ndim(values) != 1 else np.asarray(values)
+    return None if values is None or np.ndim(values) != 1 else [int(value) for value in values]
 
 
 def _of_messages(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and hasattr(value[0], "get_fields_and_field_types")
-
-
-def _plain(value: Any) -> Value:
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def _text(value: Value) -> str:
