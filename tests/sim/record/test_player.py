@@ -5,7 +5,6 @@ from math import inf
 from pathlib import Path
 
 import pytest
-import yaml
 
 from command_line import refusal
 from litsim_sim.cli import replay as command
@@ -204,12 +203,10 @@ def test_a_bag_without_clock_gets_one(tmp_path: Path) -> None:
     assert clocks[11].data == bytes([0, 1, 0, 0, 1, 0, 0, 0]) + STEP_NS.to_bytes(4, "little")
 
 
-def test_qos_is_read_by_name_and_by_the_numbers_of_old_bags(tmp_path: Path) -> None:
+def test_qos_is_read_by_name(tmp_path: Path) -> None:
     topics = BagReader(write(tmp_path / "bag")).topics
     assert [name for name, topic in topics.items() if is_latched(topic)] == ["/map"]
     assert offered_qos(topics["/a"])["depth"] == 100
-    old = BagTopic("/o", "t/msg/T", "", yaml.safe_dump([{"durability": 1, "reliability": 2, "depth": 3}]))
-    assert is_latched(old) and offered_qos(old)["reliability"] == "best_effort"
     assert offered_qos(BagTopic("/o", "t/msg/T", "")) == {}
     for text, why in (("[", "malformed YAML: "), ("depth: 3", "expected a YAML list of profiles, found {'depth': 3}")):
         with pytest.raises(InputError, match=f"^topic /o: offered_qos_profiles: {why}"):

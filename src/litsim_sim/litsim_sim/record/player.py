@@ -21,10 +21,6 @@ CLOCK = BagTopic(topic_names.CLOCK, "rosgraph_msgs/msg/Clock", "", qos_yaml(10))
 SECOND_NS = 1_000_000_000
 RATE_MIN, RATE_MAX = 0.01, 100.0
 FRAME_NS = 100_000_000  # [ns] duration of the last step of a loop, for a bag with only one step
-_OLD_NAMES: dict[str, dict[Any, str]] = {
-    "durability": {1: "transient_local", 2: "volatile"},
-    "reliability": {1: "reliable", 2: "best_effort"},
-}
 
 
 class Player:
@@ -193,9 +189,7 @@ def offered_qos(topic: BagTopic) -> dict[str, Any]:
     profiles = load_yaml(topic.qos_yaml or "[]", where)
     if not isinstance(profiles, list) or not all(isinstance(profile, dict) for profile in profiles):
         raise InputError(f"{where}: expected a YAML list of profiles, found {profiles!r:.60}")
-    profile = profiles[0] if profiles else {}
-    # Bags older than Jazzy number the policies.
-    return {name: _OLD_NAMES[name].get(v, v) if name in _OLD_NAMES else v for name, v in profile.items()}
+    return profiles[0] if profiles else {}
 
 
 def is_latched(topic: BagTopic) -> bool:
