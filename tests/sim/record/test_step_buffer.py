@@ -3,7 +3,7 @@
 import pytest
 
 from litsim_sim.core.lockstep import RECORDER_WINDOW
-from litsim_sim.record.step_buffer import AHEAD, CONFIRM_EVERY, KEPT, LAG, REPEATS_MAX, BufferedRun, StepBuffer
+from litsim_sim.record.step_buffer import AHEAD, CONFIRM_EVERY, KEPT, LAG, REPEATS_MAX, StepBuffer
 
 CLOCK, AGENTS, STATE, CONTROLS, EGO = "/clock", "/litsim/agents", "/litsim/ego/state", "/litsim/controls", "/litsim/ego"
 TIMING, TWIST, APPLIED, NEWS = "/litsim/timing", "/litsim/ego/twist", "/litsim/ego/applied", "/diagnostics"
@@ -18,11 +18,10 @@ class Bag:
     def __init__(self, per_step: tuple[str, ...] = (*BRIDGES, CONTROLS), last: int = LAST) -> None:
         self.written: list[tuple[int, str, bytes]] = []
         self.confirmed: list[int] = []
-        run = BufferedRun(ORDER, per_step, (TWIST, NEWS), last)
-        self.buffer = StepBuffer(run, lambda name, data, step: self.written.append((step, name, data)), self.confirm)
+        self.buffer = StepBuffer(ORDER, per_step, (TWIST, NEWS), last, self.write, self.confirmed.append)
 
-    def confirm(self, step: int) -> None:
-        self.confirmed.append(step)
+    def write(self, name: str, data: bytes, step: int) -> None:
+        self.written.append((step, name, data))
 
     def show(self, step: int, *names: str) -> None:
         """A message on each of the topics, which says of what step it is."""

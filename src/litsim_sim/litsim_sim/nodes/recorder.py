@@ -26,7 +26,7 @@ from litsim_sim.nodes.options import recorder_stage
 from litsim_sim.nodes.publishers import Owners, Visits, owners
 from litsim_sim.nodes.responses import RunFailed
 from litsim_sim.record.bag import FORMAT, FORMAT_KEY, BagWriter
-from litsim_sim.record.step_buffer import BufferedRun, StepBuffer
+from litsim_sim.record.step_buffer import StepBuffer
 from litsim_sim.ros import messages
 from litsim_sim.ros.cdr import run_id_of, stamp_ns, without_padding
 from litsim_sim.ros.endpoints import publisher_on, subscribe
@@ -158,8 +158,7 @@ class RecorderNode(Node):
         describe(self._writer, info)
         names = [*(topic.name for topic in RECORDED_TOPICS), *self._foreign]
         foreign = [*(topic.name for topic in FOREIGN), *self._foreign]
-        run = BufferedRun(names, tuple(info.topics), foreign, info.total_steps)
-        self._buffer = StepBuffer(run, self._write, self._confirm)
+        self._buffer = StepBuffer(names, tuple(info.topics), foreign, info.total_steps, self._write, self._confirm)
         self._of_this_run = {topic for topic in RECORDED_TOPICS if _tells_run(topic, info)}
         for topic, early in self._early.items():
             self._take(topic, early)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from litsim_sim.core.lockstep import RECORDER_WINDOW
 from litsim_sim.core.topic_names import AGENTS, CLOCK, EGO_APPLIED, EGO_INPUTS, EGO_STATE
@@ -20,26 +19,6 @@ AHEAD = 5  # [steps] by which messages of foreign publishers may be ahead of the
 REPEATS_MAX = 10  # repetitions of step 0 for which the recorder waits to hear an external ego
 KEPT = 20  # most messages of one step that are kept on a topic with foreign publishers
 NAMED = 3  # most steps that a message about gaps names
-
-Write = Callable[[str, bytes, int], None]
-"""Writes a serialised message of a topic at the given step."""
-
-
-@dataclass(frozen=True)
-class BufferedRun:
-    """Description of a run for the buffer.
-
-    Attributes:
-        order: names of all recorded topics, in the order in which the messages of one step are written.
-        per_step: names of those that hold one message for each step of this run.
-        foreign: names of those on which foreign nodes publish as well.
-        total_steps: last step; a run may end earlier.
-    """
-
-    order: Sequence[str]
-    per_step: Sequence[str]
-    foreign: Sequence[str]
-    total_steps: int
 
 
 class StepBuffer:
@@ -55,15 +34,29 @@ class StepBuffer:
         newest: newest step whose agents have been received; -1 before the first.
     """
 
-    def __init__(self, run: BufferedRun, write: Write, confirm: Callable[[int], None]) -> None:
-        """Buffer the messages of `run`; `write` every message that is due, steps ascending.
+    def __init__(
+        self,
+        order: Sequence[str],
+        per_step: Sequence[str],
+        foreign: Sequence[str],
+        total_steps: int,
+        write: Callable[[str, bytes, int], None],
+        confirm: Callable[[int], None],
+    ) -> None:
+        """Buffer the messages of a run.
 
-        `confirm` is called with the newest step up to which the recording is complete, every
-        :data:`CONFIRM_EVERY` steps, at the first and the last, and whenever the bridge shows a step again.
+        Args:
+            order: names of all recorded topics, in the order in which the messages of one step are written.
+            per_step: names of those that hold one message for each step of this run.
+            foreign: names of those on which foreign nodes publish as well.
+            total_steps: last step; a run may end earlier.
+            write: called with topic, serialised message and step of every message that is due, steps ascending.
+            confirm: called with the newest step up to which the recording is complete, every :data:`CONFIRM_EVERY`
+                steps, at the first and the last, and whenever the bridge shows a step again.
         """
         self.newest = -1
-        self._run = run
-        self._last = run.total_steps
+        self._order, self._per_step, self._foreign = order, per_step, foreign
+        self._last = total_steps
         self._write = write
         self._confirm = confirm
         self._pending: dict[int, dict[str, list[bytes]]] = {}
@@ -100,7 +93,7 @@ class StepBuffer:
 
     def take(self, name: str, step: int, data: bytes) -> None:
         """Hold a message of topic `name` until its step is written: that of its stamp, or 0 without one."""
-        if name in self._run.foreign and name not in self._run.per_step:
+        if name in self._foreign and name not in self._per_step:
             step = self._placed(step)
             self._kept[name, step] += 1
             if self._kept[name, step] > KEPT:
@@ -115,7 +108,7 @@ class StepBuffer:
             return
         held = self._pending.get(step, {}).get(name, [])
         contradicted = self._contradicts(name, step, data)
-        if held and name in self._run.per_step and not contradicted:  # the bridge asks again
+        if held and name in self._per_step and not contradicted:  # the bridge asks again
             self._advance()
             self._repeat_confirmation()
         elif data not in held:
@@ -148,7 +141,7 @@ class StepBuffer:
     def _take_late(self, name: str, step: int, data: bytes) -> None:
         """Take a message to a step that has been written."""
         absent = (step, name) in self._absent
-        if name not in self._run.per_step or absent or self._contradicts(name, step, data):
+        if name not in self._per_step or absent or self._contradicts(name, step, data):
             self._absent.discard((step, name))
             self._write(name, data, step)
         else:
@@ -156,7 +149,7 @@ class StepBuffer:
 
     def _contradicts(self, name: str, step: int, data: bytes) -> bool:
         """Note a message of a per-step topic; returns whether it differs from the first one for its recent step."""
-        if name not in self._run.per_step or step < self._written - RECORDER_WINDOW:
+        if name not in self._per_step or step < self._written - RECORDER_WINDOW:
             return False
         contradicts = self._first.setdefault(step, {}).setdefault(name, hash(data)) != hash(data)
         if contradicts:
@@ -166,9 +159,9 @@ class StepBuffer:
     def _complete(self, step: int) -> bool:
         """Returns whether all messages that complete a step are here; see the class's description."""
         held = self._pending.get(step, {})
-        of_the_bridge = [name for name in OF_THE_BRIDGE if name in self._run.per_step]
-        needed = of_the_bridge if step in self._missed else self._run.per_step
-        awaits_ego = step == 0 and EGO_APPLIED in self._run.per_step and self._repeated <= REPEATS_MAX
+        of_the_bridge = [name for name in OF_THE_BRIDGE if name in self._per_step]
+        needed = of_the_bridge if step in self._missed else self._per_step
+        awaits_ego = step == 0 and EGO_APPLIED in self._per_step and self._repeated <= REPEATS_MAX
         heard = not awaits_ego or any(name in held for name in EGO_INPUTS.values())
         return heard and all(name in held for name in needed)
 
@@ -193,7 +186,7 @@ class StepBuffer:
     def _write_step(self, step: int) -> None:
         held = self._pending.pop(step, {})
         self._first.pop(step - RECORDER_WINDOW, None)
-        self._absent |= {(step, name) for name in self._run.per_step if name not in held}
-        for name in self._run.order:
+        self._absent |= {(step, name) for name in self._per_step if name not in held}
+        for name in self._order:
             for data in sorted(held.get(name, [])):
                 self._write(name, data, step)
