@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_eval.check_ads.requirements import Clause, Limits, Verdict, is_clipped, judge, motion
+from litsim_eval.check_ads.requirements import Clause, Verdict, is_clipped, judge, motion
 from litsim_eval.check_ads.trace import Ending, Endpoint, Evidence, Heard
 from litsim_sim.core.scene import STEP_NS, EgoCommand
 from litsim_sim.core.topic_names import EGO_INPUTS, Interface
@@ -75,13 +75,13 @@ def in_history(seen: Evidence, steps: int) -> Evidence:
     return replace(seen, scenario=scenario)
 
 
-def clauses(seen: Evidence, limits: Limits | None = None) -> dict[str, Clause]:
-    return {each.name: each for each in judge(seen, limits or Limits())}
+def clauses(seen: Evidence, **limits: float) -> dict[str, Clause]:
+    return {each.name: each for each in judge(seen, **limits)}
 
 
-def only(seen: Evidence, name: str, limits: Limits | None = None) -> str:
+def only(seen: Evidence, name: str, **limits: float) -> str:
     """The reason of the one clause that fails."""
-    found = clauses(seen, limits)
+    found = clauses(seen, **limits)
     assert [each.name for each in found.values() if each.verdict == FAIL] == [name]
     return found[name].text
 
@@ -183,7 +183,7 @@ def test_a_step_that_is_repeated_may_be_answered_again(seen: Evidence) -> None:
 
 
 def test_slow_answers(seen: Evidence) -> None:
-    assert "; expected 95 % within 150 ms" in only(seen, "latency", Limits(latency_ms=150.0))
+    assert "; expected 95 % within 150 ms" in only(seen, "latency", latency_ms=150.0)
 
 
 def test_another_frame(seen: Evidence) -> None:
@@ -239,7 +239,7 @@ def test_more_than_the_vehicle_can(seen: Evidence) -> None:
     shaken = replace(seen, heard=heard)
     text = "100.0% of 11 answers beyond the vehicle's limits, expected at most 10.0%"
     assert only(shaken, "values finite and feasible") == text
-    assert clauses(shaken, Limits(clipped=1.0))["values finite and feasible"].verdict == PASS
+    assert clauses(shaken, clipped=1.0)["values finite and feasible"].verdict == PASS
 
 
 def test_leaving_in_mid_run(seen: Evidence) -> None:

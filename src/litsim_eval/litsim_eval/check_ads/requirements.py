@@ -42,29 +42,22 @@ class Clause:
     figures: dict[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Limits that a stack must keep.
+def judge(evidence: Evidence, *, latency_ms: float = 5000.0, clipped: float = 0.1) -> list[Clause]:
+    """Judges all clauses, in the order of a run.
 
-    Attributes:
+    Args:
+        evidence: on the stack.
         latency_ms: largest 95th percentile of the latency [ms].
         clipped: largest share of answers that ask for more than the vehicle can do.
     """
-
-    latency_ms: float = 5000.0
-    clipped: float = 0.1
-
-
-def judge(evidence: Evidence, limits: Limits) -> list[Clause]:
-    """Judges all clauses, in the order of a run."""
     clauses = (
         discovery(evidence),
         qos(evidence),
         own_topics(evidence),
         answers(evidence),
-        latency(evidence, limits.latency_ms),
+        latency(evidence, latency_ms),
         frames(evidence),
-        values(evidence, limits.clipped),
+        values(evidence, clipped),
         ending(evidence),
         *([] if evidence.difference is None else [anew(evidence.difference)]),
     )

@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from litsim_eval.check_ads.requirements import Clause, Limits, Verdict, judge
+from litsim_eval.check_ads.requirements import Clause, Verdict, judge
 from litsim_eval.check_ads.session import Check, observe
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, number, positive
 from litsim_sim.cli.program import interrupt_on_signals, program
@@ -86,7 +86,6 @@ def check_ads(arguments: argparse.Namespace, console: Console) -> int:
     check_security(os.environ)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     scenario = Scenario.load(arguments.scenario, ego=arguments.ego_id, simulation_s=arguments.seconds)
-    limits = Limits(arguments.latency_limit or 1e3 * arguments.answer_timeout, arguments.clipped_limit)
     with ExitStack() as stack:
         domain_id = stack.enter_context(graph_domain(arguments.domain_id, reserve=bool(arguments.command)))
         out = arguments.out or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="check_ads_")))
@@ -102,7 +101,8 @@ def check_ads(arguments: argparse.Namespace, console: Console) -> int:
             warm=arguments.warm,
         )
         evidence = observe(check)
-        clauses = judge(evidence, limits)
+    latency_ms = arguments.latency_limit or 1e3 * arguments.answer_timeout
+    clauses = judge(evidence, latency_ms=latency_ms, clipped=arguments.clipped_limit)
     passed = all(clause.verdict == Verdict.PASS for clause in clauses)
     console.print(_table(clauses))
     for remark in evidence.remarks:
