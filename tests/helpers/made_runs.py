@@ -12,15 +12,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from litsim_sim.core.scene import ARRAY_FIELDS, CONTROL_DTYPES, DTYPES, AgentTable, Controller
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_NS, AgentTable, Controller
 from litsim_sim.core.stages import StageState
-from litsim_sim.record.bag import BagTopic, BagWriter, qos_yaml
+from litsim_sim.core.takeover import TakeoverTable
+from litsim_sim.record.bag import BagWriter
 from litsim_sim.record.run import Run, RunInfo, Status
 from litsim_sim.scenario.recording import COLUMNS
 
-MESSAGES = Path(__file__).resolve().parents[2] / "src/litsim_msgs/msg"
 START_FRAME = 100
 EGO = 1
 
@@ -64,58 +63,30 @@ def make_run(tables: list[AgentTable], log: list[AgentTable] | None = None, **va
     return Run(Path("run_0.mcap"), info(**({"total_steps": last} | of_info)), tables, **(usual | values))
 
 
-class RosTypes:
-    """Serialises messages by the definitions in the source tree, without ROS."""
-
-    def __init__(self) -> None:
-        self.store = get_typestore(Stores.ROS2_JAZZY)
-        for path in MESSAGES.glob("*.msg"):
-            self.store.register(get_types_from_msg(path.read_text(), f"litsim_msgs/msg/{path.stem}"))
-
-    def header(self, step: int) -> Any:
-        nanoseconds = step * 100_000_000
-        stamp = self.make("builtin_interfaces/msg/Time", sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id="map")
-
-    def make(self, kind: str, /, **values: Any) -> Any:
-        return self.store.types[kind](**values)
-
-    def cdr(self, kind: str, /, **values: Any) -> bytes:
-        return bytes(self.store.serialize_cdr(self.make(kind, **values), kind))
-
-    def definition(self, kind: str) -> str:
-        return self.store.generate_msgdef(kind, ros_version=2)[0]
-
-
-TOPICS = {
-    "/litsim/run_info": "litsim_msgs/msg/RunInfo",
-    "/litsim/status": "litsim_msgs/msg/StageStatus",
-    "/clock": "rosgraph_msgs/msg/Clock",
-    "/litsim/agents": "litsim_msgs/msg/AgentStates",
-    "/litsim/takeovers": "litsim_msgs/msg/Takeovers",
-    "/litsim/controls": "litsim_msgs/msg/Controls",
-    "/litsim/ego/control": "litsim_msgs/msg/EgoControl",
-    "/litsim/timing": "litsim_msgs/msg/StageStatus",
-}
-
 Skip = Collection[tuple[str, int]]
 
 
 def write_run(run: Run, folder: Path, skip: Skip = (), twice: Skip = (), finish: bool = True) -> Path:
     """Write `run` as the recorder does; `skip` and `twice` name topics and steps that are left out or doubled."""
-    types = RosTypes()
+    from rclpy.serialization import serialize_message  # ROS takes a moment to load, and few tests write a run
+
+    from litsim_sim.ros.cdr import without_padding
+    from litsim_sim.ros.topics import RECORDED_TOPICS
+
     writer = BagWriter(folder, "run")
     writer.add_metadata("run", {"run_id": run.info.run_id})
-    for topic, kind in TOPICS.items():
-        writer.add_topic(BagTopic(topic, kind, types.definition(kind), qos_yaml(10), types.store.hash_rihs01(kind)))
+    messages = list(_messages(run))
+    written = {topic for topic, _, _ in messages}
+    for topic in RECORDED_TOPICS:
+        if topic in written:
+            writer.add_topic(topic.described)
     texts = {"scenario.yaml": run.info.scenario_yaml.encode(), "net.xml": run.net_xml}
     for name, data in (texts | {"recording.parquet": recording_bytes(run)}).items():
         if data:
             writer.attach(name, "", data)
-    for topic, step, values in _messages(run, types):
-        head = {} if topic == "/clock" else {"header": types.header(step)}
-        for _ in range(int((topic, step) not in skip) + int((topic, step) in twice)):
-            writer.write(topic, types.cdr(TOPICS[topic], **head, **values), step * 100_000_000)
+    for topic, step, message in messages:
+        for _ in range(int((topic.name, step) not in skip) + int((topic.name, step) in twice)):
+            writer.write(topic.name, without_padding(topic.type)(serialize_message(message)), step * STEP_NS)
     if finish:
         writer.close()
     else:
@@ -123,36 +94,33 @@ def write_run(run: Run, folder: Path, skip: Skip = (), twice: Skip = (), finish:
     return folder
 
 
-def _messages(run: Run, types: RosTypes) -> Iterator[tuple[str, int, dict[str, Any]]]:
-    """Topic, step and fields (without headers) of every message."""
-    run_id = {"run_id": run.info.run_id}
-    yield "/litsim/run_info", 0, {k: list(v) if isinstance(v, tuple) else v for k, v in vars(run.info).items()}
+def _messages(run: Run) -> Iterator[tuple[Any, int, Any]]:
+    """Topic, step and message of all that a recorder hears."""
+    from rosgraph_msgs.msg import Clock
+
+    from litsim_policy.conflict.messages import takeovers_to_message
+    from litsim_sim.ros import messages, topics
+
+    run_id = run.info.run_id
+    fields = {k: list(v) if isinstance(v, tuple) else v for k, v in vars(run.info).items()}
+    yield topics.RUN_INFO, 0, topics.RUN_INFO.type(header=messages.header(0), **fields)
     for each in run.tables:
         step = each.step
-        both = run_id | {"step": step}
-        yield "/clock", step, {"clock": types.header(step).stamp}
-        total = {"total_steps": run.info.total_steps, "ego_id": run.info.ego_id}
-        yield "/litsim/agents", step, both | total | {f: getattr(each, f) for f in ARRAY_FIELDS}
+        yield topics.CLOCK, step, Clock(clock=messages.stamp(step))
+        yield topics.AGENTS, step, messages.agents_to_message(each, run_id, run.info.total_steps, run.info.ego_id)
         if step in run.takeovers:
-            records = [_takeover(types, record) for record in run.takeovers[step]]
-            yield "/litsim/takeovers", step, both | {"iterations": 1, "converged": True, "takeovers": records}
+            takeovers = TakeoverTable(step, tuple(run.takeovers[step]), iterations=1, converged=True)
+            yield topics.TAKEOVERS, step, takeovers_to_message(takeovers, run_id)
         if step in run.controls:
-            yield "/litsim/controls", step, both | {f: getattr(run.controls[step], f) for f in CONTROL_DTYPES}
+            yield topics.CONTROLS, step, messages.controls_to_message(run.controls[step], run_id)
         if step in run.ego_commands:
-            yield "/litsim/ego/control", step, run_id | vars(run.ego_commands[step])
+            yield topics.EGO_CONTROL, step, messages.ego_to_message(run.ego_commands[step], run_id)
         for stage, seconds in run.timing.items():
-            yield "/litsim/timing", step, run_id | vars(Status(step, stage, StageState.RUNNING, seconds[step], ""))
-    for status in run.statuses:
-        yield "/litsim/status", status.step, run_id | vars(status)
-
-
-def _takeover(types: RosTypes, record: Any) -> Any:
-    values = dict(vars(record))
-    for name in ("conflict_pose", "goal_pose"):
-        x, y, theta = values[name]
-        values[name] = types.make("geometry_msgs/msg/Pose2D", x=x, y=y, theta=theta)
-    values["reference_path"] = record.reference_path.ravel()
-    return types.make("litsim_msgs/msg/Takeover", **values)
+            timing = messages.status(run_id, stage, StageState.RUNNING, step, seconds[step])
+            yield topics.TIMING, step, timing
+    for said in run.statuses:
+        status = messages.status(run_id, said.stage, said.state, said.step, said.compute_time, said.text)
+        yield topics.STATUS, said.step, status
 
 
 def recording_bytes(run: Run) -> bytes:

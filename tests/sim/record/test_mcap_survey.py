@@ -11,7 +11,7 @@ import pytest
 from damage import CUT, FLIP, REFUSED, SHORTER, WAYS, Counts, damage_record, damages, outcomes
 from litsim_sim.core.scene import Controller, ControlTable, EgoCommand
 from litsim_sim.record.bag import BagReader
-from litsim_sim.record.player import messages_of, offered_qos, selected
+from litsim_sim.record.player import CLOCK, messages_of, offered_qos, selected
 
 Make = Callable[..., Any]
 STEPS = 24
@@ -56,7 +56,8 @@ def test_what_is_played_is_what_was_recorded_or_nothing(record: Path) -> None:
         topics = selected(reader)
         return reader.complete, [offered_qos(topic) for topic in topics], messages_of(reader, topics)
 
-    _, qos, played = read(record)
+    _, recorded, played = read(record)
+    qos = [*recorded, offered_qos(CLOCK)]  # of a clock that is cut off
     found = outcomes(
         record,
         damages(record.read_bytes(), 400, 3, cuts=0.1),
