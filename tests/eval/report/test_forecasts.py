@@ -6,59 +6,42 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from litsim_msgs.msg import JointForecast
+from rclpy.serialization import serialize_message
 
-from litsim_eval.report.forecasts import FORECASTS, POINTS_MAX, read_forecasts
+from litsim_eval.report.forecasts import POINTS_MAX, read_forecasts
 from litsim_sim.core.errors import InputError
-from litsim_sim.record.bag import BagTopic, BagWriter, qos_yaml
+from litsim_sim.core.scene import STEP_NS
+from litsim_sim.record.bag import BagWriter
 from litsim_sim.record.run import Run
+from litsim_sim.ros.cdr import without_padding
+from litsim_sim.ros.messages import header, to_array
+from litsim_sim.ros.topics import FORECASTS
 
-DEFINITION = Path(__file__).resolve().parents[3] / "src/litsim_msgs/msg/JointForecast.msg"
-KIND = "litsim_msgs/msg/JointForecast"
 POINTS = 25
 
 
-def message(types: Any, run_id: str, step: int, **changes: Any) -> Any:
+def message(run_id: str, step: int, **changes: Any) -> JointForecast:
     """Of agents 4 and 2; the k-th point is at x = agent + k."""
     ids = np.array([4, 2])
-    k = np.arange(POINTS)
-    mean = np.stack(np.broadcast_arrays(ids[:, None] + k, float(step)), axis=-1).astype(np.float64)
-    spread = np.full((2, POINTS, 3), 0.25, np.float32)
-    stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
-    usual = {
-        "header": types["std_msgs/msg/Header"](stamp=stamp, frame_id="map"),
-        "run_id": run_id,
-        "step": step,
-        "dt": 0.2,
-        "horizon": 5.0,
-        "id": ids,
-        "mean": mean.ravel(),
-        "yaw": np.zeros(2 * POINTS, np.float32),
-        "covariance": spread.ravel(),
-        "maneuver_probability": np.empty(0, np.float32),
-        "valid": np.ones(2, np.bool_),
-        "mode_row": np.empty(0, np.uint32),
-        "mode_probability": np.empty(0, np.float32),
-        "mode_mean": np.empty(0),
-        "mode_yaw": np.empty(0, np.float32),
-        "mode_covariance": np.empty(0, np.float32),
-    }
-    return types[KIND](**(usual | changes))
+    mean = np.stack(np.broadcast_arrays(ids[:, None] + np.arange(POINTS), float(step)), axis=-1).astype(np.float64)
+    spread, yaw = np.full((2, POINTS, 3), 0.25, np.float32), np.zeros(2 * POINTS, np.float32)
+    valid = changes.pop("valid", [True, True])
+    arrays = {"id": ids, "mean": mean, "yaw": yaw, "covariance": spread} | changes
+    columns = {name: to_array(values) for name, values in arrays.items()}
+    return JointForecast(header=header(0), run_id=run_id, step=step, dt=0.2, horizon=5.0, valid=valid, **columns)
 
 
 @pytest.fixture
 def write(small_run: Run, tmp_path: Path) -> Any:
     """Writes messages as a bag and gives the run that they belong to."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(DEFINITION.read_text(), KIND))
 
     def write_bag(*described: dict[str, Any]) -> Run:
         with BagWriter(tmp_path / "bag", "made") as writer:
-            definition = store.generate_msgdef(KIND, ros_version=2)[0]
-            writer.add_topic(BagTopic(FORECASTS, KIND, definition, qos_yaml(10), store.hash_rihs01(KIND)))
+            writer.add_topic(FORECASTS.described)
             for values in described:
-                made = message(store.types, **({"run_id": small_run.info.run_id} | values))
-                writer.write(FORECASTS, bytes(store.serialize_cdr(made, KIND)), values["step"] * 100_000_000)
+                made = serialize_message(message(**({"run_id": small_run.info.run_id} | values)))
+                writer.write(FORECASTS.name, without_padding(JointForecast)(made), values["step"] * STEP_NS)
         return replace(small_run, path=tmp_path / "bag/made_0.mcap")
 
     return write_bag
@@ -80,7 +63,7 @@ def test_what_is_not_of_this_run_or_not_valid_is_left_out(write: Any) -> None:
     found = read_forecasts(
         write(
             {"step": 1, "run_id": "another"},
-            {"step": 2, "valid": np.array([False, True])},
+            {"step": 2, "valid": [False, True]},
             {"step": 3, "mean": bad},
             {"step": 3},
             {"step": 4, "id": np.empty(0, np.int64), "mean": np.empty(0)},
