@@ -74,7 +74,6 @@ def write_run(run: Run, folder: Path, skip: Skip = (), twice: Skip = (), finish:
     from litsim_sim.ros.topics import RECORDED_TOPICS
 
     writer = BagWriter(folder, "run")
-    writer.add_metadata("run", {"run_id": run.info.run_id})
     messages = list(_messages(run))
     written = {topic for topic, _, _ in messages}
     for topic in RECORDED_TOPICS:

@@ -161,7 +161,6 @@ class Run:
         complete: whether the recorder closed the file.
         problem: why the file is incomplete; empty for a complete one.
         failure: why the run has failed, as written by the launcher beside the file; empty if it has not.
-        metadata: metadata of the bag.
         seal: seal of the record; None for a run that was not recorded.
     """
 
@@ -185,7 +184,6 @@ class Run:
     complete: bool = True
     problem: str = ""
     failure: str = ""
-    metadata: dict[str, str] = field(default_factory=dict)
     seal: Seal | None = None
 
     @cached_property
@@ -323,7 +321,6 @@ def read_run(path: Path) -> Run:
         complete=reader.complete,
         problem=reader.problem,
         failure=read_failure(reader.path),
-        metadata=reader.metadata,
         seal=read_seal(reader.path),
     )
 
