@@ -39,18 +39,12 @@ class CarefulDriver:
     """Verdict on one contact.
 
     Attributes:
-        agent: id of the other vehicle.
-        contact_step: step of the actual contact.
         perceived_step: step at which the driver perceives the risk; the contact step if nothing announces it.
         avoided: whether the driver avoids the contact by braking on the path that the replaced vehicle took.
-        speed_at_contact: the driver's speed at the contact [m/s]; 0 if it is avoided.
     """
 
-    agent: int
-    contact_step: int
     perceived_step: int
     avoided: bool
-    speed_at_contact: float
 
 
 def careful_driver(
@@ -96,13 +90,11 @@ def careful_driver(
     step = step + beyond
     (own_x, own_y), (other_x, other_y) = (_straight_on(table, rows, beyond, dt) for rows in (own, other))
     path = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(own_x), np.diff(own_y)))])
-    s, speed = _braked(table.speed[own].tolist(), path.tolist(), ((step - perceived) * dt).tolist())
+    s = _braked(table.speed[own].tolist(), path.tolist(), ((step - perceived) * dt).tolist())
     x, y, yaw = (np.interp(s, path, values) for values in (own_x, own_y, np.unwrap(table.yaw[own])))
     own_size, other_size = ((table.length[at], table.width[at]) for at in (own, other))
     hits = boxes_overlap(other_x - x, other_y - y, yaw, table.yaw[other], own_size, other_size)
-    met = hits.nonzero()[0]
-    at_contact = speed[met[0]] if len(met) else 0.0
-    return CarefulDriver(agent, contact_step, perceived, avoided=not len(met), speed_at_contact=at_contact)
+    return CarefulDriver(perceived, avoided=not hits.any())
 
 
 def _begin(risks: IntArray, contact_step: int, over: int) -> int:
@@ -154,8 +146,8 @@ def speed_lost(time: float) -> float:
     return 0.5 * BRAKE_JERK * min(braked, build_up) ** 2 + BRAKE_MAX * max(braked - build_up, 0.0)
 
 
-def _braked(real: list[float], path: list[float], time: list[float]) -> tuple[list[float], list[float]]:
-    """Returns the driver's position [m] along the path of the replaced vehicle and its speed [m/s], at each step.
+def _braked(real: list[float], path: list[float], time: list[float]) -> list[float]:
+    """Returns the driver's position [m] along the path of the replaced vehicle at each step.
 
     Args:
         real: speeds of the replaced vehicle [m/s].
@@ -169,7 +161,7 @@ def _braked(real: list[float], path: list[float], time: list[float]) -> tuple[li
         speed.append(max(0.0, min(speed[-1] - lost, most)))
         way = 0.5 * (speed[-2] + speed[-1]) * (time[k] - time[k - 1])
         s.append(min(s[-1] + way, path[k]))  # never ahead of the replaced vehicle
-    return s, speed
+    return s
 
 
 def risky(table: AgentRows, own: IntArray, other: IntArray, lane_map: LaneMap | None) -> BoolArray:

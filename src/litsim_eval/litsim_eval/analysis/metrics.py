@@ -16,7 +16,6 @@ import numpy as np
 
 from litsim_eval.analysis.measure import Measure, MetricField, Row, Table, mean
 from litsim_eval.analysis.measures import (
-    answers,
     comfort,
     displacement,
     driven_traffic,
@@ -48,7 +47,7 @@ ADDED = "added"
 FAMILIES: dict[str, tuple[Measure, ...]] = {
     "run": identity.MEASURES,
     "collisions": fault.MEASURES,
-    "fault": answers.MEASURES,
+    "fault": fault.ANSWERS,
     "displacement": displacement.MEASURES,
     "ego": ego.MOTION,
     "mission": mission.MEASURES,

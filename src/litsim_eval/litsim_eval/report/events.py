@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from litsim_eval.analysis.measures.answers import cause_text
+from litsim_eval.analysis.measures.fault import cause_text
 from litsim_eval.analysis.measures.takeover import TakeoverOutcome
 from litsim_eval.report.wording import NOTHING, number
 

@@ -1,14 +1,15 @@
-"""Collisions by fault: which agent is at fault, and whether a careful driver in place of either had avoided it."""
+"""Collisions by fault: which agent is at fault, who answers for those of the ego, and what a careful driver avoids."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from litsim_eval.analysis.careful_driver import CarefulDriver, careful_driver
 from litsim_eval.analysis.measure import (
     HIGHER,
+    KNOWN_OF_EGO,
     LOWER,
     MEAN,
     MEAN_CONTROLLED,
@@ -26,11 +27,24 @@ from litsim_eval.analysis.measure import (
     share_of,
     total,
 )
-from litsim_eval.analysis.measures.blame import Blame, blame
+from litsim_eval.analysis.measures.blame import Blame, Cause, Side, blame
 from litsim_eval.analysis.measures.collision import Collisions, EgoContact, collisions
 from litsim_sim.core.scene import STEP_S, Kind
 from litsim_sim.record.lanes import lane_map_of
 from litsim_sim.record.run import Run
+
+CAUSES = {
+    Cause.WALKER: "on foot or on a bicycle",
+    Cause.RED_LIGHT: "{who} had passed red",
+    Cause.STANDING: "{who} ran into one that stood",
+    Cause.WRONG_WAY: "{who} was on the wrong side",
+    Cause.RIGHT_OF_WAY: "{who} did not give way",
+    Cause.CROSSING: "their ways crossed",
+    Cause.ENTERED: "{who} came from the side",
+    Cause.FOLLOWED: "{who} ran into the one ahead",
+    Cause.REVEALED: "another vehicle had hidden it",
+    Cause.START: "it was that close from the first step on",
+}
 
 
 @dataclass(frozen=True)
@@ -106,13 +120,39 @@ def at_fault(metrics: Metrics) -> Iterator[Mapping[str, Any]]:
     )
 
 
-def _contacts_at_fault(_: Any, __: str, metrics: Metrics) -> str:
+def answered(metrics: Metrics) -> Iterator[Mapping[str, Any]]:
+    """Yields the contacts that the ego answers for; the log has none of them."""
+    yield from (contact for contact in metrics["fault"]["contacts"] if contact["of_ego"] and not contact["in_log"])
+
+
+def cause_text(contact: Mapping[str, Any]) -> str:
+    """Returns a sentence on an entry of `fault.contacts`: what led to it, and what a careful driver does."""
+    who = {Side.EGO: "the ego", Side.OTHER: str(contact["agent"])}.get(contact["by"], "")
+    text = CAUSES[Cause(contact["cause"])].format(who=who)
+    if contact["by"] == Side.EGO and not contact["avoided"]:
+        return f"{text}, and braking was too late by then"
+    return f"{text}, a careful driver {'avoids it' if contact['avoided'] else 'hits too'}"
+
+
+def _sentence(contacts: Iterable[tuple[Mapping[str, Any], str]]) -> str:
+    """Returns a sentence on entries of `collision.ego_contacts` with what is to be added to each; empty for none."""
     texts = [
         f"{contact['agent']} at {STEP_S * contact['step']:.1f} s ({contact['verdict'].replace('_', ' ')}, "
-        f"{contact['delta_v_mps']:.1f} m/s)"
-        for contact in at_fault(metrics)
+        f"{contact['delta_v_mps']:.1f} m/s{more})"
+        for contact, more in contacts
     ]
     return f"contact at the ego's fault with {' and '.join(texts)}" if texts else ""
+
+
+def _at_fault_text(_: Any, __: str, metrics: Metrics) -> str:
+    return _sentence((contact, "") for contact in at_fault(metrics))
+
+
+def _answered_text(_: Any, __: str, metrics: Metrics) -> str:
+    how = {(contact["agent"], contact["step"]): contact for contact in metrics["collision"]["ego_contacts"]}
+    return _sentence(
+        (how[contact["agent"], contact["step"]], f"; {cause_text(contact)}") for contact in answered(metrics)
+    )
 
 
 def _by_kind(run: Run) -> dict[str, int]:
@@ -142,6 +182,24 @@ def _ego_contacts(run: Run) -> list[dict[str, Any]]:
             "verdict": verdict.contact.verdict.value,
             "ego_at_fault": verdict.contact.ego_at_fault,
             "delta_v_mps": verdict.contact.delta_v,
+        }
+        for verdict in run.once(contact_verdicts)
+    ]
+
+
+def _answers(run: Run) -> list[dict[str, Any]]:
+    return [
+        {
+            "agent": verdict.contact.agent,
+            "step": verdict.contact.step,
+            "in_log": verdict.in_log,
+            "of_ego": verdict.blame.of_ego,
+            "cause": verdict.blame.cause.value,
+            "by": verdict.blame.by.value,
+            "perceived_step": verdict.own.perceived_step,
+            "avoided": verdict.own.avoided,
+            "other_perceived_step": None if verdict.other is None else verdict.other.perceived_step,
+            "other_avoids": None if verdict.other is None else verdict.other.avoided,
         }
         for verdict in run.once(contact_verdicts)
     ]
@@ -193,7 +251,7 @@ MEASURES = family(
         "collision.ego_at_fault",
         lambda run: sum(contact.contact.ego_at_fault for contact in new_contacts(run)),
         *("contacts at the ego's fault, by nuPlan", "", LOWER),
-        sentence=_contacts_at_fault,
+        sentence=_at_fault_text,
         moments=moments_of(at_fault),
     ),
     Count(
@@ -217,4 +275,21 @@ MEASURES = family(
     "no contact that is not in the log; no contact at all",
     Truth("reactive", lambda run: not hits(run).excess, "no new contacts", "", HIGHER, rows=REACTIVE),
     Truth("collision_free", lambda run: not hits(run).first, better=HIGHER),
+)
+ANSWERS = family(
+    "contacts that the ego answers for, and the log has not: [the judge](#who-answers-for-a-contact)",
+    Count(
+        "fault.of_ego",
+        lambda run: sum(contact.blame.of_ego for contact in new_contacts(run)),
+        *("contacts at the ego's fault", "", LOWER),
+        rows=KNOWN_OF_EGO,
+        sentence=_answered_text,
+        moments=moments_of(answered),
+    ),
+    "for each contact of the ego: whether it answers for it, `cause`, and who created the situation (`by`); whether "
+    "the careful and competent driver of UN R157 in its place avoids it, and from when on that driver perceives it "
+    "(reaction 0.75 s, up to 0.774 g with 12.65 m/s³, from a wandering of 0.375 m in the next lane or a time to "
+    "collision of 2 s on; the regulation's 0.4 s of evaluating the risk are left out, which is stricter); and as "
+    "`other_…` the same in the other's place (null for a pedestrian or a cyclist)",
+    Listed("fault.contacts", _answers),
 )
