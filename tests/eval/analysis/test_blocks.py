@@ -2,7 +2,6 @@
 
 import json
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +19,15 @@ from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run, read_run
 from litsim_sim.scenario import recording
 from made_agents import takeover
+from made_runs import make_run, table, write_run
 
-Make = Callable[..., Any]
 NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"
 FORMAT_1 = Path(__file__).parents[2] / "sim/record/bags/format_1"
 HISTORY, STEPS = 10, 150
 
 
 @pytest.fixture
-def bag(table: Make, make_run: Make, write_run: Make, tmp_path: Path) -> Path:
+def bag(tmp_path: Path) -> Path:
     """A run with all that measures look at: contacts, takeovers, hand-backs, standstill, a walker, late and early ends.
 
     The ego brakes until it stands, and agent 3 drives into it; agent 2 is under control from step 20 to 60, brakes hard
@@ -95,9 +94,7 @@ def test_results_by_blocks_are_those_of_all_steps(bag: Path, tmp_path: Path, mon
     assert measured["safety"]["min_pet_s"] is not None and measured["comfort"]["controlled"]["hard_brakes"]
 
 
-def test_memory_does_not_grow_with_the_run(
-    make_run: Make, write_run: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_memory_does_not_grow_with_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Held whole, the states of an agent at a step take 82 bytes in the run, and as many in the log."""
     monkeypatch.setattr(steps, "BLOCK_ROWS", 1000)
     monkeypatch.setattr(recording, "PART_ROWS", 1000)

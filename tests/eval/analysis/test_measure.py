@@ -1,10 +1,9 @@
 """All that shows measures is made from the objects: those of LitSim, and one that a plug-in adds in one place."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib.metadata import EntryPoint
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from typing import Any
 
 import pytest
 from rich.console import Console
@@ -20,6 +19,7 @@ from litsim_eval.runs.summary_table import print_summary
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.run import Run
+from made_runs import make_run, table
 
 spec = spec_from_file_location("measures", ROOT / "tools/measures.py")
 assert spec and spec.loader
@@ -55,7 +55,7 @@ def plugin(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> I
 
 
 @pytest.fixture
-def run(table: Callable[..., Any], make_run: Callable[..., Run]) -> Run:
+def run() -> Run:
     return make_run([table(k, {"id": 1, "x": float(k), "y": 0.0}, {"id": 2, "x": 50.0, "y": 0.0}) for k in range(3)])
 
 

@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,19 +21,18 @@ from litsim_eval.report.terminal import print_ledger, print_metrics
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller, ControlSource, ControlTable
 from litsim_sim.core.stages import StageState
-from litsim_sim.core.takeover import Takeover
 from litsim_sim.record.failure import write_failure
 from litsim_sim.record.run import Status, TopicGaps, read_run
 from litsim_sim.record.seal import write_seal
 from made_agents import takeover
+from made_runs import make_run, moved, table, write_run
 
-Make = Callable[..., Any]
 NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"
 HISTORY, STEPS = 10, 60
 
 
 @pytest.fixture
-def run(table: Make, make_run: Make, moved: Make) -> Any:
+def run() -> Any:
     """The ego slower than its log by up to 10 m, agent 2 behind it under control half of the time; agent 3 logged."""
     rows = {1: (40.0, -1.83), 2: (20.0, -1.83), 3: (30.0, -5.49)}
     log = [table(k, *({"id": a, "x": x + k, "y": y} for a, (x, y) in rows.items())) for k in range(STEPS + 1)]
@@ -78,7 +76,7 @@ def answers(run: Any) -> dict[int, ControlTable]:
     ("ahead", "since", "at_fault", "own"), [(3.5, 12, 1, 0.0), (3.5, 50, 1, None), (-3.5, 50, 0, None)]
 )
 def test_only_contacts_that_the_ego_answers_for_spoil_its_own_ttc(
-    run: Any, moved: Make, ahead: float, since: int, at_fault: int, own: float | None
+    run: Any, ahead: float, since: int, at_fault: int, own: float | None
 ) -> None:
     """Agent 3 is put into the ego's lane, overlapping its front or its rear; or it has been ahead for long."""
     hit = []
@@ -96,7 +94,7 @@ def test_only_contacts_that_the_ego_answers_for_spoil_its_own_ttc(
     assert excused["collision"]["ego_contacts"][0]["in_log"] and not metrics["collision"]["ego_contacts"][0]["in_log"]
 
 
-def test_a_contact_does_not_hide_the_braking_that_it_would_have_taken_to_avoid_it(run: Any, moved: Make) -> None:
+def test_a_contact_does_not_hide_the_braking_that_it_would_have_taken_to_avoid_it(run: Any) -> None:
     """Agent 3, slower by 5 m/s, is 5 m ahead of the ego at step 49, and in contact from step 50 on."""
     hit = []
     for each in run.tables:
@@ -106,7 +104,7 @@ def test_a_contact_does_not_hide_the_braking_that_it_would_have_taken_to_avoid_i
     assert compute_metrics(replace(run, tables=hit))["safety"]["max_drac_mps2"] == pytest.approx(2.5)
 
 
-def test_hard_brakes_count_where_somebody_drives(run: Any, moved: Make) -> None:
+def test_hard_brakes_count_where_somebody_drives(run: Any) -> None:
     """Agent 2 is under control at steps 21 to 40, and brakes once before, once then, and once after that."""
 
     def braking(tables: list[Any], steps: set[int]) -> list[Any]:
@@ -137,7 +135,7 @@ def test_the_terminal_tells_of_an_ego_that_is_too_slow(
 
 
 def test_the_ledger_shows_contacts_and_takeovers(
-    run: Any, moved: Make, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    run: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "240")
     print_ledger(compute_metrics(run), 1)
@@ -161,10 +159,6 @@ def test_the_ledger_shows_contacts_and_takeovers(
     assert "2|ego 1|blocked entry|2.1 s|–|no contact|2.0 s|own intent from 4.4 s|–" in lines
 
 
-def said(*statuses: Status) -> list[Status]:
-    return list(statuses)
-
-
 FINISHED = Status(STEPS, "bridge", StageState.FINISHED, 3.0, "missed: {/litsim/controls: 2}\n")
 FAILED = Status(30, "bridge", StageState.FAILED, 0.0, "no answer to step 30\n")
 
@@ -174,9 +168,9 @@ FAILED = Status(30, "bridge", StageState.FAILED, 0.0, "no answer to step 30\n")
     [
         ({"complete": False, "problem": "cut short at byte 7"}, "the recording is cut short at byte 7"),
         ({"statuses": []}, "the bridge did not finish: last step 60 of 60"),
-        ({"statuses": said(FINISHED)}, "2 answers missed on /litsim/controls"),
-        ({"statuses": said(FAILED)}, "bridge failed: no answer to step 30"),
-        ({"statuses": said(FINISHED, replace(FINISHED, text="missed: {}\n"))}, "two different last messages of the"),
+        ({"statuses": [FINISHED]}, "2 answers missed on /litsim/controls"),
+        ({"statuses": [FAILED]}, "bridge failed: no answer to step 30"),
+        ({"statuses": [FINISHED, replace(FINISHED, text="missed: {}\n")]}, "two different last messages of the"),
         ({"gaps": {"/clock": TopicGaps(missing=(3, 4))}}, "/clock: 2 steps missing (first 3)"),
         ({"gaps": {"/clock": TopicGaps(duplicated=(5,))}}, "/clock: 1 steps duplicated (first 5)"),
         ({"log": []}, "the bag holds no recording"),
@@ -196,7 +190,7 @@ def test_what_follows_the_end_of_a_run_that_did_not_finish_is_not_told(run: Any)
     assert why.endswith(f"the bridge did not finish: last step 40 of {STEPS}; /clock: 1 steps missing (first 7)")
 
 
-def test_a_run_is_judged_against_its_seal(run: Any, write_run: Make, tmp_path: Path) -> None:
+def test_a_run_is_judged_against_its_seal(run: Any, tmp_path: Path) -> None:
     folder = write_run(run, tmp_path / "bag")
     recorded = read_run(folder)
     facts = recorded.facts(digest(recorded))
@@ -206,7 +200,7 @@ def test_a_run_is_judged_against_its_seal(run: Any, write_run: Make, tmp_path: P
     assert f"step is {STEPS}, sealed is {STEPS + 9}" in compute_metrics(read_run(folder))["why"]
 
 
-def test_states_that_are_not_finite_are_not_valid(run: Any, moved: Make) -> None:
+def test_states_that_are_not_finite_are_not_valid(run: Any) -> None:
     broken = [t if t.step < 55 else moved([t], 3, speed=float("nan"))[0] for t in run.tables]
     metrics = compute_metrics(replace(run, tables=broken))
     assert "not finite at 6 steps (first 55)" in metrics["why"]
@@ -221,9 +215,7 @@ def test_times_leave_out_the_first_step(run: Any) -> None:
     assert problems(run) == []
 
 
-def test_analyze_writes_beside_the_bag_and_prints(
-    run: Any, write_run: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_analyze_writes_beside_the_bag_and_prints(run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_run(run, tmp_path / "bag")
     metrics = measure(read_run(folder), folder)
     assert json.loads((folder / "metrics.json").read_text()) == metrics
@@ -251,7 +243,7 @@ def test_analyze_writes_beside_the_bag_and_prints(
     ],
 )
 def test_what_the_launcher_knows_comes_first_and_nothing_is_told_twice(
-    run: Any, write_run: Make, tmp_path: Path, text: str, failure: str
+    run: Any, tmp_path: Path, text: str, failure: str
 ) -> None:
     failed = Status(STEPS, "bridge", StageState.FAILED, 0.0, text)
     folder = write_run(replace(run, statuses=[failed]), tmp_path / "bag")
@@ -264,7 +256,7 @@ def test_what_the_launcher_knows_comes_first_and_nothing_is_told_twice(
 
 
 def test_a_run_that_is_not_valid_is_measured_and_said_to_be(
-    run: Any, write_run: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     failed = Status(STEPS, "bridge", StageState.FAILED, 0.0, "no answer to step 60")
     folder = write_run(replace(run, statuses=[failed]), tmp_path / "bag")
@@ -277,7 +269,7 @@ def test_a_run_that_is_not_valid_is_measured_and_said_to_be(
 
 @pytest.mark.parametrize("name", [FILES[0], "file"])
 def test_output_that_cannot_be_written_is_named(
-    name: str, run: Any, write_run: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = write_run(run, tmp_path / "bag")
     (folder / name).mkdir() if name in FILES else (folder / name).touch()
@@ -287,7 +279,7 @@ def test_output_that_cannot_be_written_is_named(
     assert not [path for path in folder.iterdir() if path.name.startswith(".")]
 
 
-def test_bare_runs_can_be_drawn_and_printed(table: Make, make_run: Make, write_run: Make, tmp_path: Path) -> None:
+def test_bare_runs_can_be_drawn_and_printed(tmp_path: Path) -> None:
     """One agent, which is not the ego; no log, no net, nobody under control."""
     run = make_run([table(k, {"id": 5, "x": 1.0 * k, "y": 0.0}) for k in range(3)], log=[], statuses=[])
     metrics = measure(read_run(write_run(run, tmp_path / "bag")), tmp_path / "bag")
@@ -305,7 +297,7 @@ def test_metrics_without_numbers_are_refused(tmp_path: Path) -> None:
         write_metrics({"z": float("nan")}, tmp_path / "m.json")
 
 
-def test_rates_with_and_without_the_contacts_of_the_log(table: Make, make_run: Make) -> None:
+def test_rates_with_and_without_the_contacts_of_the_log() -> None:
     """The log has 4 in 5; the run adds the ego into 2, and 2 into 3. Agent 6 never enters."""
 
     def step(k: int, ego: float, third: float, *more: dict[str, Any]) -> Any:
@@ -327,20 +319,13 @@ def test_rates_with_and_without_the_contacts_of_the_log(table: Make, make_run: M
     assert same["collision"]["excess_rate_all"] == 0.0 < same["collision"]["rate_all"]
 
 
-def taken_over(agent: int, step: int) -> Takeover:
-    """Held because of the ego since `step`."""
-    return takeover(agent, detected_step=step)
-
-
 @pytest.mark.parametrize(("distance", "share"), [(29.9, 0.5), (30.1, 0.0)])
-def test_takeovers_count_as_near_within_the_region_around_the_ego(
-    table: Make, make_run: Make, distance: float, share: float
-) -> None:
+def test_takeovers_count_as_near_within_the_region_around_the_ego(distance: float, share: float) -> None:
     tables = [
         table(k, {"id": 1, "x": 0.0, "y": 0.0}, {"id": 2, "x": distance, "y": 0.0}, {"id": 3, "x": 90.0, "y": 0.0})
         for k in range(20)
     ]
-    run = make_run(tables, takeovers={k: [taken_over(2, 5)] for k in range(5, 9)})
+    run = make_run(tables, takeovers={k: [takeover(2, detected_step=5)] for k in range(5, 9)})
     metrics = compute_metrics(run)
     assert metrics["relevant_ratio"] == 0.5
     assert metrics["relevant_ratio_roi"] == share

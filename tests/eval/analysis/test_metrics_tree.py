@@ -1,6 +1,5 @@
 """The fields of metrics.json are known before a run, and all that a run has are among them."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,11 @@ from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.mission import Mission
 from litsim_sim.scenario.scenario import packaged
 from litsim_sim.scenario.signals import Signals
-
-Make = Callable[..., Any]
+from made_runs import make_run, table
 
 
 @pytest.fixture
-def metrics(table: Make, make_run: Make) -> dict[str, Any]:
+def metrics() -> dict[str, Any]:
     """A run with contacts, a takeover, a road and times: of every family of measures there is one."""
     log = [table(k, *({"id": a, "x": 20.0 * a + k, "y": -1.83} for a in (1, 2, 3))) for k in range(61)]
     tables = [

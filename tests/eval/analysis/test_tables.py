@@ -1,9 +1,7 @@
 """The Parquet files of a run, read back and compared with the run and with its metrics."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,14 +18,14 @@ from litsim_sim.core.scene import Controller
 from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run
 from made_agents import takeover
+from made_runs import make_run, moved, table
 
-Make = Callable[..., Any]
 DOCS = Path(__file__).resolve().parents[3] / "docs/metrics.md"
 HISTORY, STEPS, EGO, TAKEN = 5, 40, 1, 2
 
 
 @pytest.fixture
-def run(table: Make, make_run: Make, moved: Make) -> Run:
+def run() -> Run:
     """The ego falls back towards agent 2, which is taken over from step 12 to 30; 3 crosses behind; 4 comes late."""
     log, tables, takeovers = [], [], {}
     for k in range(STEPS + 1):
@@ -72,12 +70,12 @@ def test_states_are_those_of_the_run(run: Run, series: pd.DataFrame) -> None:
     names = {"id": "agent", "x": "x_m", "y": "y_m", "yaw": "yaw_rad", "speed": "speed_mps"}
     names |= {"acceleration": "acceleration_mps2", "yaw_rate": "yaw_rate_radps", "length": "length_m"}
     assert series["step"].unique().tolist() == list(range(HISTORY + 1, STEPS + 1))
-    for table in run.simulated:
-        rows = series[series["step"] == table.step]
+    for scene in run.simulated:
+        rows = series[series["step"] == scene.step]
         for field, name in names.items():
-            assert rows[name].tolist() == getattr(table, field).tolist()
-        assert rows["controller"].tolist() == [Controller(c).name.lower() for c in table.controller]
-        assert (rows["time_s"] == table.step * run.info.dt).all()
+            assert rows[name].tolist() == getattr(scene, field).tolist()
+        assert rows["controller"].tolist() == [Controller(c).name.lower() for c in scene.controller]
+        assert (rows["time_s"] == scene.step * run.info.dt).all()
     assert set(series["run_id"]) == {run.info.run_id}
     taken = of(series, TAKEN)["takeover"]
     assert taken.loc[12:30].tolist() == ["held"] * 14 + ["handback"] * 4 + ["released"]
@@ -150,7 +148,7 @@ def test_a_series_in_many_parts_is_the_same(run: Run, rows_max: int) -> None:
     assert pa.concat_tables(parts).unify_dictionaries().to_pylist() == whole(run).to_pylist()
 
 
-def test_runs_without_log_agents_or_steps(table: Make, make_run: Make) -> None:
+def test_runs_without_log_agents_or_steps() -> None:
     lonely = whole(make_run([table(k, {"id": 5, "x": float(k), "y": 0.0}) for k in range(3)], log=[]))
     assert len(lonely) == 2
     assert lonely["deviation_m"].null_count == lonely["pet_s"].null_count == 2

@@ -14,12 +14,13 @@ from litsim_eval.pictures.clip import write_clip
 from litsim_sim.core.colours import CONFLICT
 from litsim_sim.core.scene import Controller
 from litsim_sim.record.run import Run
+from made_runs import make_run
 
 Make = Callable[..., Any]
 
 
 @pytest.fixture
-def runs(agent_table: Make, make_run: Make) -> tuple[Run, Run]:
+def runs(agent_table: Make) -> tuple[Run, Run]:
     """An ego, 1, that stands from 40 m on, and an agent that drives on into it, or stops 10 m before it."""
 
     def run(end: float) -> Run:

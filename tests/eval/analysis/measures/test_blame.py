@@ -15,8 +15,8 @@ from litsim_eval.analysis.measures.signals import Passage
 from litsim_sim.core.scene import Controller, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.lane_map.lane_map import LaneMap
+from made_runs import make_run, table
 
-Make = Callable[..., Any]
 Motion = Callable[[int], tuple[float, ...]]
 NETS = Path(litsim_sim.__file__).parent / "nets"
 LANES = (-1.83, -5.49)  # [m] centres of the leftmost lanes of us101_like
@@ -47,7 +47,7 @@ def sideways(motion: Motion, to: float, begin: int, steps: int) -> Motion:
     return state
 
 
-def scene(table: Make, make_run: Make, *motions: Motion, net: str = "us101_like", **more: Any) -> Any:
+def scene(*motions: Motion, net: str = "us101_like", **more: Any) -> Any:
     """A run in which the ego and others move as told; in the log they are far from each other."""
     names = ("x", "y", "yaw", "speed")
 
@@ -140,18 +140,18 @@ CASES: dict[str, tuple[Sequence[Motion], tuple[Cause, Side, bool]]] = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_on_a_road(table: Make, make_run: Make, name: str) -> None:
+def test_on_a_road(name: str) -> None:
     motions, expected = CASES[name]
-    assert answer(scene(table, make_run, *motions)) == expected
+    assert answer(scene(*motions)) == expected
 
 
-def test_an_ego_in_its_lane_does_not_answer_for_one_that_comes_head_on(table: Make, make_run: Make) -> None:
+def test_an_ego_in_its_lane_does_not_answer_for_one_that_comes_head_on() -> None:
     def comes(k: int) -> tuple[float, ...]:
         return 200.0 - k, LEFT, np.pi, 10.0
 
     ahead = along(100, 10)
-    assert answer(scene(table, make_run, ahead, comes)) == (Cause.WRONG_WAY, Side.OTHER, False)
-    assert answer(scene(table, make_run, comes, ahead)) == (Cause.WRONG_WAY, Side.EGO, True)
+    assert answer(scene(ahead, comes)) == (Cause.WRONG_WAY, Side.OTHER, False)
+    assert answer(scene(comes, ahead)) == (Cause.WRONG_WAY, Side.EGO, True)
 
 
 @pytest.fixture(scope="module")
@@ -179,10 +179,10 @@ HIDDEN_STEPS = {6.0: 40, 1.5: 68}  # until the other is in the middle of the jun
 TURNS, COMES = ":A_6_0", ":A_11_0"  # to the left across the other, and straight on with right of way
 
 
-def test_right_of_way(table: Make, make_run: Make, street: LaneMap) -> None:
+def test_right_of_way(street: LaneMap) -> None:
     turn, straight = through(street, TURNS, 6.0, 18), through(street, COMES, 9.0, 40)
-    assert answer(scene(table, make_run, turn, straight, net="urban_like")) == (Cause.RIGHT_OF_WAY, Side.EGO, True)
-    cause, by, _ = answer(scene(table, make_run, straight, turn, net="urban_like"))
+    assert answer(scene(turn, straight, net="urban_like")) == (Cause.RIGHT_OF_WAY, Side.EGO, True)
+    cause, by, _ = answer(scene(straight, turn, net="urban_like"))
     assert (cause, by) == (Cause.RIGHT_OF_WAY, Side.OTHER)
 
 
@@ -206,17 +206,17 @@ PERMISSIVE, GREEN, DARK = SignalState.GREEN_PERMISSIVE, SignalState.GREEN, Signa
         ({EGO: GREEN, OTHER: PERMISSIVE}, (Cause.RIGHT_OF_WAY, Side.OTHER)),
     ],
 )
-def test_lights_and_signs(table: Make, make_run: Make, street: LaneMap, monkeypatch, states, expected) -> None:
+def test_lights_and_signs(street: LaneMap, monkeypatch, states, expected) -> None:
     """Each has right of way by its own light, where it has one that works, else by the signs of the net."""
     show(monkeypatch, states)
     turn, straight = through(street, TURNS, 6.0, 18), through(street, COMES, 9.0, 40)
-    assert answer(scene(table, make_run, turn, straight, net="urban_like"))[:2] == expected
+    assert answer(scene(turn, straight, net="urban_like"))[:2] == expected
 
 
-def test_red_is_no_cause_among_those_of_one_lane(table: Make, make_run: Make, monkeypatch) -> None:
+def test_red_is_no_cause_among_those_of_one_lane(monkeypatch) -> None:
     """An ego that has stopped beyond the line at red is hit by the one behind: nobody crosses."""
     show(monkeypatch, {EGO: SignalState.RED})
-    run = scene(table, make_run, along(100, 8, braking=4.0, since=10), along(60, 9))
+    run = scene(along(100, 8, braking=4.0, since=10), along(60, 9))
     assert answer(run) == (Cause.STANDING, Side.OTHER, False)
 
 
@@ -225,28 +225,28 @@ def test_red_is_no_cause_among_those_of_one_lane(table: Make, make_run: Make, mo
     [(6.0, 18, (Cause.RIGHT_OF_WAY, Side.EGO, True)), (1.5, 0, (Cause.REVEALED, Side.NEITHER, False))],
 )
 def test_who_turns_past_vehicles_that_hide_others(
-    table: Make, make_run: Make, street: LaneMap, speed: float, steps: int, expected: tuple[Cause, Side, bool]
+    street: LaneMap, speed: float, steps: int, expected: tuple[Cause, Side, bool]
 ) -> None:
     """Who has to give way, and cannot see, is excused only if it feels its way."""
     queue = [lambda _, x=x: (x, -5.0, 0.0, 0.0) for x in np.arange(-104.5, -140.0, -5.0)]
     turn, straight = through(street, TURNS, speed, steps), through(street, COMES, 12.0, HIDDEN_STEPS[speed])
-    assert answer(scene(table, make_run, turn, straight, *queue, net="urban_like")) == expected
+    assert answer(scene(turn, straight, *queue, net="urban_like")) == expected
 
 
 @pytest.mark.parametrize("runs_red", [EGO, OTHER])
-def test_red_light(table: Make, make_run: Make, street: LaneMap, monkeypatch, runs_red: int) -> None:
+def test_red_light(street: LaneMap, monkeypatch, runs_red: int) -> None:
     """Two cross, one of which had red, too late for a careful driver to do anything; neither saw the other before."""
     motions = through(street, ":A_11_0", 10.0, 40), through(street, ":A_1_0", 14.0, 32)
     states = {agent: SignalState.RED if agent == runs_red else SignalState.GREEN for agent in (EGO, OTHER)}
     show(monkeypatch, states)
     monkeypatch.setattr(blame, "hidden", lambda _, ego, __: np.ones(len(ego), np.bool_))
-    cause, by, of_ego = answer(scene(table, make_run, *motions, net="urban_like"))
+    cause, by, of_ego = answer(scene(*motions, net="urban_like"))
     assert (cause, by) == (Cause.RED_LIGHT, Side.EGO if runs_red == EGO else Side.OTHER)
     assert of_ego or runs_red == OTHER
 
 
 @pytest.mark.parametrize(("begin", "steps", "of_ego"), [(0, 60, True), (42, 14, False)])
-def test_who_steps_in_front_of_the_ego(table: Make, make_run: Make, begin: int, steps: int, of_ego: bool) -> None:
+def test_who_steps_in_front_of_the_ego(begin: int, steps: int, of_ego: bool) -> None:
     walker = sideways(along(160, 0, LANES[0] - 5.0), LANES[0], begin, steps)
-    run = scene(table, make_run, along(100, 10), walker, kind=Kind.PEDESTRIAN, length=0.6, width=0.6)
+    run = scene(along(100, 10), walker, kind=Kind.PEDESTRIAN, length=0.6, width=0.6)
     assert answer(run) == (Cause.WALKER, Side.NEITHER, of_ego)

@@ -1,6 +1,5 @@
 """Comfort bounds, kept and broken one at a time."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -8,11 +7,10 @@ import pytest
 
 from litsim_eval.analysis.measures.comfort import BOUNDS, comfort, hard_brakes_begin, hard_brakes_in_log, motion_values
 from litsim_sim.core.scene import Controller
+from made_runs import table
 
-Make = Callable[..., Any]
 
-
-def ride(table: Make, accelerations: list[float], driven: range = range(0)) -> list[Any]:
+def ride(accelerations: list[float], driven: range = range(0)) -> list[Any]:
     """Agent 1 as it accelerates, under control at the steps `driven`."""
     by = [Controller.POLICY if k in driven else Controller.LOG for k in range(len(accelerations))]
     return [
@@ -21,16 +19,16 @@ def ride(table: Make, accelerations: list[float], driven: range = range(0)) -> l
     ]
 
 
-def test_a_steady_ride_is_comfortable(table: Make) -> None:
-    found = comfort(ride(table, [0.0] * 10), 1, 0.1)
+def test_a_steady_ride_is_comfortable() -> None:
+    found = comfort(ride([0.0] * 10), 1, 0.1)
     assert found is not None
     assert found.comfortable
     assert found.within == dict.fromkeys(BOUNDS, 1.0)
     assert found.hard_brakes == 0
 
 
-def test_braking_beyond_the_bound(table: Make) -> None:
-    found = comfort(ride(table, [0.0, 0.0, -5.0, -5.0, 0.0, 0.0, -3.5, 0.0, 0.0, 0.0]), 1, 0.1)
+def test_braking_beyond_the_bound() -> None:
+    found = comfort(ride([0.0, 0.0, -5.0, -5.0, 0.0, 0.0, -3.5, 0.0, 0.0, 0.0]), 1, 0.1)
     assert found is not None
     assert not found.comfortable
     assert found.within["longitudinal_acceleration"] == pytest.approx(0.8)  # -3.5 is within
@@ -52,16 +50,16 @@ def test_a_manoeuvre_is_counted_once(accelerations: list[float], begins: list[in
     assert np.flatnonzero(hard_brakes_begin(np.array(accelerations))).tolist() == begins
 
 
-def test_hard_brakes_under_control_are_not_those_on_the_log(table: Make) -> None:
+def test_hard_brakes_under_control_are_not_those_on_the_log() -> None:
     """It brakes at steps 1, 4 and 7; who is taken over while it brakes has begun to by itself."""
     accelerations = [0.0, -4.0, 0.0, 0.0, -4.0, -4.0, 0.0, -4.0, 0.0]
     for driven, expected in ((range(0), 0), (range(1, 2), 1), (range(5, 7), 0), (range(4, 9), 2)):
-        found = comfort(ride(table, accelerations, driven), 1, 0.1)
+        found = comfort(ride(accelerations, driven), 1, 0.1)
         assert found is not None and (found.hard_brakes, found.hard_brakes_driven) == (3, expected)
 
 
-def test_hard_brakes_of_the_log_while_somebody_else_drives(table: Make) -> None:
-    run, log = ride(table, [0.0] * 9, range(4, 9)), ride(table, [0.0, -4.0, 0.0, 0.0, -4.0, -4.0, 0.0, -4.0, 0.0])
+def test_hard_brakes_of_the_log_while_somebody_else_drives() -> None:
+    run, log = ride([0.0] * 9, range(4, 9)), ride([0.0, -4.0, 0.0, 0.0, -4.0, -4.0, 0.0, -4.0, 0.0])
     assert hard_brakes_in_log(run, log, 1) == 2
     assert hard_brakes_in_log(run, log[:7], 1) == 1, "the log is over"
     assert hard_brakes_in_log(run, log, 2) == 0
@@ -74,14 +72,14 @@ def test_values_of_a_turn() -> None:
     assert values["jerk"].tolist() == pytest.approx([20.0, 0.0])
 
 
-def test_nothing_to_judge(table: Make) -> None:
-    assert comfort(ride(table, [0.0, 0.0]), 1, 0.1) is None
-    assert comfort(ride(table, [0.0] * 5), 2, 0.1) is None
+def test_nothing_to_judge() -> None:
+    assert comfort(ride([0.0, 0.0]), 1, 0.1) is None
+    assert comfort(ride([0.0] * 5), 2, 0.1) is None
 
 
-def test_a_change_over_steps_that_are_lost_is_no_jerk(table: Make) -> None:
+def test_a_change_over_steps_that_are_lost_is_no_jerk() -> None:
     """From 0 to 2 m/s2 while nobody looked: 20 m/s3 if that were one step."""
-    tables = ride(table, [0.0] * 5 + [0.5, 1.0, 1.5] + [2.0] * 5)
+    tables = ride([0.0] * 5 + [0.5, 1.0, 1.5] + [2.0] * 5)
     lost = comfort([each for each in tables if not 5 <= each.step < 8], 1, 0.1)
     assert lost is not None
     assert lost.comfortable

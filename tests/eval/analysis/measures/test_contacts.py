@@ -12,13 +12,14 @@ from litsim_sim.core.scene import AgentTable, Kind
 from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run
 from made_agents import takeover
+from made_runs import make_run, table
 
 Make = Callable[..., Any]
 LAST = 100
 
 
 @pytest.fixture
-def scene(table: Make) -> Callable[..., list[AgentTable]]:
+def scene() -> Callable[..., list[AgentTable]]:
     """Agents 1 (the ego, alone unless told), 2 and 3; a pair overlaps at the steps that are given for it."""
 
     def make(touching: Collection[int], pair: tuple[int, int] = (2, 3)) -> list[AgentTable]:
@@ -39,7 +40,7 @@ def scene(table: Make) -> Callable[..., list[AgentTable]]:
 
 
 @pytest.fixture
-def run(scene: Make, make_run: Make) -> Callable[..., Run]:
+def run(scene: Make) -> Callable[..., Run]:
     def make(now: Collection[int], logged: Collection[int], **values: Any) -> Run:
         pair = values.pop("pair", (2, 3))
         return make_run(scene(now, pair), scene(logged, pair), **({"history_steps": 5} | values))
@@ -84,7 +85,7 @@ def test_a_contact_of_the_log_in_the_history_excuses_one_that_goes_on(run: Make)
     assert collisions(run(range(9), range(4))).in_log == (True,)
 
 
-def test_another_pair_s_contact_in_the_log_excuses_nothing(scene: Make, make_run: Make) -> None:
+def test_another_pair_s_contact_in_the_log_excuses_nothing(scene: Make) -> None:
     found = collisions(make_run(scene(range(20, 30)), scene(range(20, 30), (1, 3))))
     assert found.excess == {(2, 3): 20}
 
@@ -105,7 +106,7 @@ def test_the_ego_is_judged_by_the_first_contact_that_the_log_has_not(run: Make) 
     assert contact.step == 20, "of those that the log has, the first"
 
 
-def test_contacts_by_kind_and_none_among_pedestrians(table: Make, make_run: Make) -> None:
+def test_contacts_by_kind_and_none_among_pedestrians() -> None:
     """The ego touches a truck and somebody on a bicycle; two pedestrians walk arm in arm."""
     others = [(2, 3.0, Kind.TRUCK), (3, -3.0, Kind.BICYCLE), (8, 50.0, Kind.PEDESTRIAN), (9, 50.2, Kind.PEDESTRIAN)]
     agents = [{"id": 1, "x": 0.0, "y": 0.0}, *({"id": i, "x": x, "y": 0.0, "kind": kind} for i, x, kind in others)]

@@ -11,15 +11,15 @@ from litsim_sim.core import steps
 from litsim_sim.core.scene import AgentTable, Controller, Kind
 from litsim_sim.core.steps import Steps
 from litsim_sim.scenario.scenario import packaged
+from made_runs import make_run, moved, table
 
-Make = Callable[..., Any]
 NET = packaged("nets/us101_like.net.xml").read_bytes()
 LEADER, FOLLOWER = 1, 2
 LANE, NEXT_LANE = -1.83, -5.49  # [m]
 STEPS = 101
 
 
-def pair(table: Make, headway: float, **of_follower: Any) -> list[AgentTable]:
+def pair(headway: float, **of_follower: Any) -> list[AgentTable]:
     """A leader at 10 m/s and a follower behind it."""
     own = {"id": FOLLOWER, "x": 20.0 - 10.0 * headway - 4.0, "y": LANE} | of_follower
     return [
@@ -28,15 +28,15 @@ def pair(table: Make, headway: float, **of_follower: Any) -> list[AgentTable]:
     ]
 
 
-def of_one(table: Make, of_step: Callable[[int], dict[str, Any]], numbers: Iterable[int] = range(STEPS)) -> Traffic:
+def of_one(of_step: Callable[[int], dict[str, Any]], numbers: Iterable[int] = range(STEPS)) -> Traffic:
     """The driving of an agent that the policy drives."""
     row = {"id": FOLLOWER, "x": 0.0, "y": LANE, "controller": Controller.POLICY}
     return traffic(Steps(table(k, row | of_step(k)) for k in numbers), None, driven=True)
 
 
-def test_a_tailgater_is_told_from_its_log(table: Make, make_run: Make) -> None:
-    log = pair(table, headway=1.5)
-    run = make_run(pair(table, headway=0.3, controller=Controller.POLICY), log, history_steps=10)
+def test_a_tailgater_is_told_from_its_log() -> None:
+    log = pair(headway=1.5)
+    run = make_run(pair(headway=0.3, controller=Controller.POLICY), log, history_steps=10)
     measured = driven_traffic(run, {FOLLOWER})
     driven, same_log = measured["driven"], measured["same_log"]
     assert (driven["headway_s"], driven["gap_m"]) == pytest.approx((0.3, 3.0))
@@ -46,7 +46,7 @@ def test_a_tailgater_is_told_from_its_log(table: Make, make_run: Make) -> None:
     assert driven["minutes"] == pytest.approx(90 / 600)
 
 
-def test_who_drives_as_logged_has_the_measures_of_the_log(table: Make, make_run: Make, moved: Make) -> None:
+def test_who_drives_as_logged_has_the_measures_of_the_log() -> None:
     log = [
         table(
             k,
@@ -62,40 +62,40 @@ def test_who_drives_as_logged_has_the_measures_of_the_log(table: Make, make_run:
     assert None not in measured["driven"].values()
 
 
-def test_closing_on_the_leader_counts_once_it_is_near_in_time(table: Make) -> None:
+def test_closing_on_the_leader_counts_once_it_is_near_in_time() -> None:
     """At 5 m/s, 30 m are 6 s: half of the time until contact is below 3 s."""
-    closing = traffic(Steps(pair(table, headway=3.0, speed=15.0)[:60]), None).of({FOLLOWER}).measures()
+    closing = traffic(Steps(pair(headway=3.0, speed=15.0)[:60]), None).of({FOLLOWER}).measures()
     assert closing["ttc_below_3_s"] == pytest.approx(0.5, abs=0.1)
 
 
 @pytest.mark.parametrize(
     "follower", [{"speed": 0.5}, {"yaw": np.pi / 2, "x": 15.0}, {"kind": Kind.BICYCLE}, {"y": LANE + 3.66}]
 )
-def test_who_does_not_follow_has_no_headway(table: Make, follower: dict[str, Any]) -> None:
-    alone = traffic(Steps(pair(table, headway=1.0, **follower)), None).of({FOLLOWER}).measures()
+def test_who_does_not_follow_has_no_headway(follower: dict[str, Any]) -> None:
+    alone = traffic(Steps(pair(headway=1.0, **follower)), None).of({FOLLOWER}).measures()
     assert (alone["following"], alone["headway_s"], alone["ttc_below_3_s"]) == (0, None, None)
 
 
-def test_accelerations_are_changes_of_speed_over_a_second(table: Make) -> None:
+def test_accelerations_are_changes_of_speed_over_a_second() -> None:
     """The speed falls by 3 m/s from step 41 to 50: of every fifth step, those of 45, 50 and 55 are 1.5, 3 and 1.5."""
-    braking = of_one(table, lambda k: {"speed": 10.0 - 0.3 * min(max(k - 40, 0), 10)})
+    braking = of_one(lambda k: {"speed": 10.0 - 0.3 * min(max(k - 40, 0), 10)})
     values = braking.samples["acceleration"].value
     assert sorted(values.tolist())[:4] == pytest.approx([-3.0, -1.5, -1.5, 0.0])
     assert braking.measures()["braking_beyond_2_mps2"] == pytest.approx(1 / len(values))
     assert braking.samples["jerk"].value.min() == pytest.approx(-3.0)
 
 
-def test_a_takeover_or_lost_steps_are_no_change_of_speed(table: Make) -> None:
+def test_a_takeover_or_lost_steps_are_no_change_of_speed() -> None:
     def slower(k: int) -> dict[str, Any]:
         return {"speed": 10.0 if k < 50 else 5.0, "controller": Controller.LOG if k < 50 else Controller.POLICY}
 
-    taken_over = of_one(table, slower)
+    taken_over = of_one(slower)
     assert set(taken_over.samples["acceleration"].value) == {0.0}
-    lossy = of_one(table, lambda k: {"speed": 0.1 * k}, [*range(40), *range(60, STEPS)])
+    lossy = of_one(lambda k: {"speed": 0.1 * k}, [*range(40), *range(60, STEPS)])
     assert lossy.samples["acceleration"].value == pytest.approx(1.0)
 
 
-def test_a_swerve_is_no_lane_change(table: Make, make_run: Make) -> None:
+def test_a_swerve_is_no_lane_change() -> None:
     def run(way: Callable[[int], float]) -> Any:
         rows = [{"id": 2, "x": k, "y": way(k), "controller": Controller.POLICY} for k in range(STEPS)]
         return make_run([table(k, row) for k, row in enumerate(rows)], net_xml=NET)
@@ -107,7 +107,7 @@ def test_a_swerve_is_no_lane_change(table: Make, make_run: Make) -> None:
     assert changes(lambda k: LANE - 2.2 * np.sin(np.pi * min(k, 25) / 25)) == 0
 
 
-def test_blocks_of_steps_count_everything_once(table: Make, make_run: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_blocks_of_steps_count_everything_once(monkeypatch: pytest.MonkeyPatch) -> None:
     sides = [table(k, {"id": 2, "x": k, "y": LANE - 1.83 * (1.0 - np.cos(np.pi * k / 75))}) for k in range(301)]
     run = make_run(sides, net_xml=NET)
     whole = driven_traffic(run, {2})["log"]
@@ -116,8 +116,8 @@ def test_blocks_of_steps_count_everything_once(table: Make, make_run: Make, monk
     assert whole["lane_changes"] == 4
 
 
-def test_where_nobody_is_driven_there_is_nothing_to_measure(table: Make, make_run: Make) -> None:
-    measured = driven_traffic(make_run(pair(table, headway=1.0)), set())
+def test_where_nobody_is_driven_there_is_nothing_to_measure() -> None:
+    measured = driven_traffic(make_run(pair(headway=1.0)), set())
     assert measured["driven"] == measured["same_log"]
     assert {measured["driven"][name] for name in ("headway_s", "jerk_mps3", "lane_changes")} == {None}
     assert measured["log"]["headway_s"] == pytest.approx(1.0) and measured["headway_ratio"] is None

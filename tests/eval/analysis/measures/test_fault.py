@@ -1,6 +1,5 @@
 """Contacts by fault, with the careful driver in either place."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +8,14 @@ import pytest
 import litsim_sim
 from litsim_eval.analysis.measures.fault import contact_verdicts, count_faults
 from litsim_sim.core.scene import Kind
+from made_runs import make_run, table
 
-Make = Callable[..., Any]
 NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"
 LANES = (-1.83, -5.49)  # [m] centres of the leftmost lanes of us101_like
 STEPS = 100
 
 
-def drift(table: Make, make_run: Make, behind: float, faster: float, rate: float, **more: Any) -> Any:
+def drift(behind: float, faster: float, rate: float, **more: Any) -> Any:
     """Ego 1 leaves its lane to the right, by `rate` [m] a step from step 20 on, before agent 2 in that lane.
 
     Agent 2 has its centre `behind` [m] the ego's, drives `faster` [m/s], and does not react. In the log the ego stays.
@@ -35,8 +34,8 @@ def faults(run: Any) -> tuple[int, ...]:
     return tuple(count_faults(run).values())
 
 
-def test_a_cut_in_that_announces_itself_is_one_that_the_other_could_have_avoided(table: Make, make_run: Make) -> None:
-    run = drift(table, make_run, behind=20.0, faster=4.0, rate=0.08)
+def test_a_cut_in_that_announces_itself_is_one_that_the_other_could_have_avoided() -> None:
+    run = drift(behind=20.0, faster=4.0, rate=0.08)
     (found,) = contact_verdicts(run)
     assert found.contact.ego_at_fault and not found.in_log
     assert found.other is not None and found.other.avoided
@@ -44,25 +43,23 @@ def test_a_cut_in_that_announces_itself_is_one_that_the_other_could_have_avoided
     assert faults(run) == (0, 1, 0)
 
 
-def test_whoever_is_beside_when_the_ego_jumps_over_cannot_help_it(table: Make, make_run: Make) -> None:
-    run = drift(table, make_run, behind=0.0, faster=0.0, rate=0.5)
+def test_whoever_is_beside_when_the_ego_jumps_over_cannot_help_it() -> None:
+    run = drift(behind=0.0, faster=0.0, rate=0.5)
     (found,) = contact_verdicts(run)
     assert found.contact.ego_at_fault
     assert found.other is not None and not found.other.avoided
     assert faults(run) == (0, 0, 1)
 
 
-def test_nobody_drives_in_the_place_of_a_pedestrian(table: Make, make_run: Make) -> None:
-    run = drift(table, make_run, behind=20.0, faster=4.0, rate=0.08, kind=Kind.PEDESTRIAN)
+def test_nobody_drives_in_the_place_of_a_pedestrian() -> None:
+    run = drift(behind=20.0, faster=4.0, rate=0.08, kind=Kind.PEDESTRIAN)
     (found,) = contact_verdicts(run)
     assert found.other is None
     assert faults(run) == (0, 0, 1)
 
 
 @pytest.mark.parametrize("logged", [False, True])
-def test_running_into_others_is_the_background_s_fault_unless_the_log_has_it(
-    table: Make, make_run: Make, logged: bool
-) -> None:
+def test_running_into_others_is_the_background_s_fault_unless_the_log_has_it(logged: bool) -> None:
     """Agent 2 runs into the ego from behind, and agent 3 into agent 4."""
     apart = {1: (100.0, 1.0), 2: (70.0, 1.5), 3: (170.0, 1.5), 4: (200.0, 1.0)}
     tables = [

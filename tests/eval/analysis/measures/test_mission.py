@@ -14,13 +14,14 @@ from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.mission import Mission
 from litsim_sim.scenario.scenario import packaged
+from made_runs import make_run, table
 
 NET = packaged("nets/urban_like.net.xml")
 STREET = LaneMap.from_net(NET)
 STRAIGHT, RIGHT = ("WA_0", ":A_11_0", "AB_0"), ("WA_0", ":A_10_0", "AAS_0")
 
 
-def along(table: Callable[..., AgentTable], lanes: tuple[str, ...], steps: int = 81) -> list[AgentTable]:
+def along(lanes: tuple[str, ...], steps: int = 81) -> list[AgentTable]:
     """The ego at 10 m/s along lanes, from 20 m before the end of the first on."""
     rows = [STREET.row(name) for name in lanes]
     begin = STREET.lanes[rows[0]].length - 20.0
@@ -39,11 +40,11 @@ def given(goal: AgentTable, lanes: tuple[str, ...]) -> Mission:
 
 
 @pytest.fixture
-def run(table: Any, make_run: Any) -> Callable[..., Run]:
+def run() -> Callable[..., Run]:
     def make(driven: tuple[str, ...], **values: Any) -> Run:
-        log = along(table, RIGHT)
+        log = along(RIGHT)
         usual = {"log": log, "mission": given(log[-1], RIGHT), "net_xml": NET.read_bytes()}
-        return make_run(along(table, driven), **(usual | values))
+        return make_run(along(driven), **(usual | values))
 
     return make
 

@@ -10,6 +10,7 @@ from litsim_eval.analysis.measures.reactsim import reactsim
 from litsim_sim.core import steps
 from litsim_sim.core.scene import Controller, Kind
 from litsim_sim.scenario.scenario import packaged
+from made_runs import make_run, table
 
 Make = Callable[..., Any]
 NET = packaged("nets/us101_like.net.xml").read_bytes()
@@ -19,7 +20,7 @@ STEPS = 41
 
 
 @pytest.fixture
-def measured(table: Make, make_run: Make) -> Callable[..., Any]:
+def measured() -> Callable[..., Any]:
     """The measures of a run in which agents are as functions of the step say; nobody is in the log."""
 
     def measure(*agents: Callable[[int], dict[str, Any]], net: bytes = NET) -> Any:

@@ -1,6 +1,5 @@
 """Likelihood under the log's histograms."""
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -10,15 +9,14 @@ from litsim_eval.analysis.measures.realism import Naturalness, Realism
 from litsim_eval.analysis.measures.signals import Passage
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.signals import SignalState
-
-Make = Callable[..., Any]
+from made_runs import table
 
 
 def realism(tables: Any, log: Any, agents: set[int], *given: Any) -> Realism | None:
     return Naturalness(tables, log, agents, *given).of(agents)
 
 
-def traffic(table: Make, speed: float = 10.0, second: float = 20.0) -> list[Any]:
+def traffic(speed: float = 10.0, second: float = 20.0) -> list[Any]:
     """Three vehicles in a column, those behind at distances of `second`."""
     return [
         table(k, *({"id": a, "x": 0.1 * speed * k - second * a, "y": 0.0, "speed": speed} for a in (1, 2, 3)))
@@ -26,18 +24,18 @@ def traffic(table: Make, speed: float = 10.0, second: float = 20.0) -> list[Any]
     ]
 
 
-def test_the_log_itself_is_as_likely_as_the_log(table: Make) -> None:
-    log = traffic(table)
+def test_the_log_itself_is_as_likely_as_the_log() -> None:
+    log = traffic()
     found = realism(log, log, {1, 2, 3}, None, 0.1)
     assert found is not None
     assert found.score == pytest.approx(1.0)
     assert set(found.features) == set(FEATURES) - {"distance_to_road_edge", "off_road", "traffic_light_violation"}
 
 
-def test_what_the_log_never_does_is_unlikely(table: Make) -> None:
-    log = traffic(table)
-    fast = realism(traffic(table, speed=30.0), log, {2}, None, 0.1)
-    touching = realism(traffic(table, second=3.0), log, {2}, None, 0.1)
+def test_what_the_log_never_does_is_unlikely() -> None:
+    log = traffic()
+    fast = realism(traffic(speed=30.0), log, {2}, None, 0.1)
+    touching = realism(traffic(second=3.0), log, {2}, None, 0.1)
     assert fast is not None
     assert touching is not None
     assert fast.features["linear_speed"] < 0.1
@@ -46,8 +44,8 @@ def test_what_the_log_never_does_is_unlikely(table: Make) -> None:
     assert touching.score < fast.score < 1.0
 
 
-def test_nobody_under_control_is_nothing_to_judge(table: Make) -> None:
-    log = traffic(table)
+def test_nobody_under_control_is_nothing_to_judge() -> None:
+    log = traffic()
     assert realism(log, log, set(), None, 0.1) is None
 
 
@@ -56,8 +54,8 @@ def passages(*states: SignalState, agent: int = 2) -> list[Passage]:
     return [Passage(agent, 10 + k, "a -> b", "1", state, Controller.POLICY) for k, state in enumerate(states)]
 
 
-def test_red_lights_run_are_as_unlikely_as_in_the_log(table: Make) -> None:
-    log, green, red = traffic(table), SignalState.GREEN, SignalState.RED
+def test_red_lights_run_are_as_unlikely_as_in_the_log() -> None:
+    log, green, red = traffic(), SignalState.GREEN, SignalState.RED
     heeded = passages(*[green] * 20)
     lawful = realism(log, log, {2}, None, 0.1, passages(green, green), heeded)
     unlawful = realism(log, log, {2}, None, 0.1, passages(green, red), heeded)
@@ -67,22 +65,22 @@ def test_red_lights_run_are_as_unlikely_as_in_the_log(table: Make) -> None:
     assert unlawful.score < lawful.score
 
 
-def test_where_nobody_who_is_judged_passes_a_stop_line_there_is_no_such_term(table: Make) -> None:
-    log, heeded = traffic(table), passages(SignalState.GREEN)
+def test_where_nobody_who_is_judged_passes_a_stop_line_there_is_no_such_term() -> None:
+    log, heeded = traffic(), passages(SignalState.GREEN)
     for passed in ([], passages(SignalState.RED, agent=3)):
         found = realism(log, log, {2}, None, 0.1, passed, heeded)
         assert found is not None
         assert "traffic_light_violation" not in found.features
 
 
-def test_some_of_those_that_were_looked_at_are_judged_as_if_they_were_all(table: Make) -> None:
-    log, run = traffic(table), traffic(table, speed=12.0, second=8.0)
+def test_some_of_those_that_were_looked_at_are_judged_as_if_they_were_all() -> None:
+    log, run = traffic(), traffic(speed=12.0, second=8.0)
     everybody = Naturalness(run, log, {1, 2, 3}, None, 0.1)
     assert everybody.of({2}) == realism(run, log, {2}, None, 0.1)
     assert everybody.of({2}) != everybody.of({1, 2, 3})
 
 
-def test_motion_over_steps_that_are_lost_is_not_that_of_one_step(table: Make) -> None:
+def test_motion_over_steps_that_are_lost_is_not_that_of_one_step() -> None:
     """Speeding up by 1 m/s2 from step 10 on; steps before one that is looked at are lost."""
     log = [
         table(k, *({"id": a, "x": 1.0 * k - 20.0 * a, "y": 0.0, "speed": 10.0 + 0.1 * max(0, k - 9)} for a in (1, 2)))

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from litsim_eval.analysis.measures.road_rules import rules
-from litsim_sim.core.scene import AgentTable
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.scenario import packaged
+from made_runs import make_run, table
 
 NET = packaged("nets/urban_like.net.xml").read_bytes()
 WITH_SIGN = NET.replace(
@@ -17,11 +17,9 @@ WITH_SIGN = NET.replace(
 )
 LINE, WA_1, OPPOSITE = -114.6, -4.95, 4.95  # [m] x of the stop line, y of the lane to the east, and of one to the west
 
-Table = Callable[..., AgentTable]
-
 
 @pytest.fixture
-def drive(table: Table, make_run: Any) -> Callable[..., Run]:
+def drive() -> Callable[..., Run]:
     """A run of an ego at these x [m], at y and speeds."""
 
     def make(x: list[float], y: float = WA_1, speed: list[float] | float = 10.0, net: bytes = NET, **more: int) -> Run:

@@ -14,6 +14,7 @@ from litsim_sim.core.signals import SignalState
 from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.scenario import packaged
 from litsim_sim.scenario.signals import Signals
+from made_runs import make_run
 
 NET = packaged("nets/urban_like.net.xml")
 STEPS = 41
@@ -59,7 +60,7 @@ def test_lights_of_lanes_are_not_for_pedestrians_and_cyclists(agent_table: Table
         assert [passage.agent for passage in found] == [2]
 
 
-def test_metrics_count_by_driver_and_know_the_log(agent_table: Table, make_run: Any, signals: Signals) -> None:
+def test_metrics_count_by_driver_and_know_the_log(agent_table: Table, signals: Signals) -> None:
     run = tables(agent_table, first={"controller": Controller.EGO}, second={"controller": Controller.POLICY})
     late = [table.take(np.array([1])) for table in run]
     metrics = compute_metrics(make_run(run, late, signals=signals, net_xml=NET.read_bytes(), history_steps=2))
@@ -69,7 +70,7 @@ def test_metrics_count_by_driver_and_know_the_log(agent_table: Table, make_run: 
     assert compute_metrics(make_run(run, late, net_xml=NET.read_bytes(), history_steps=2))["signals"] is None
 
 
-def test_what_is_passed_in_the_history_is_not_of_the_run(agent_table: Table, make_run: Any, signals: Signals) -> None:
+def test_what_is_passed_in_the_history_is_not_of_the_run(agent_table: Table, signals: Signals) -> None:
     run = tables(agent_table)
     for history, passed in ((5, 2), (6, 1)):  # the first passes at step 6
         metrics = compute_metrics(make_run(run, run, signals=signals, net_xml=NET.read_bytes(), history_steps=history))
@@ -78,7 +79,7 @@ def test_what_is_passed_in_the_history_is_not_of_the_run(agent_table: Table, mak
 
 @pytest.mark.parametrize(("amber_from", "run_amber"), [(2, 1), (10, 0)])
 def test_amber_is_run_by_who_could_stop_when_it_began(
-    agent_table: Table, make_run: Any, signals: Signals, amber_from: int, run_amber: int
+    agent_table: Table, signals: Signals, amber_from: int, run_amber: int
 ) -> None:
     """The ego, at 10 m/s, is 35 m before the line at step 0, and needs 26.4 m: 10 within 1 s, and 16.4 to brake."""
     states = signals.states.copy()

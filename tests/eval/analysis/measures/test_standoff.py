@@ -10,12 +10,13 @@ from litsim_eval.analysis.measures.standoff import standoffs
 from litsim_sim.core.signals import SignalState
 from litsim_sim.lane_map.signal_links import SignalLink
 from litsim_sim.scenario.signals import Signals
+from made_runs import make_run, table
 
 STEPS, BEGIN, END = 80, 10, 60
 UP = 0.5 * np.pi
 
 
-def made(table: Any, make_run: Any, place: tuple[float, float], yaw: float = UP, end: int = END, **fields: Any) -> Any:
+def made(place: tuple[float, float], yaw: float = UP, end: int = END, **fields: Any) -> Any:
     """The ego stands at the origin from BEGIN on, and another at a `place` until `end`; their logs go on."""
     along = np.array([np.cos(yaw), np.sin(yaw)])
 
@@ -40,14 +41,14 @@ def made(table: Any, make_run: Any, place: tuple[float, float], yaw: float = UP,
     ("place", "first"),
     [((12.0, -10.0), "either"), ((12.0, -1.0), "other"), ((2.5, -4.5), "ego"), ((2.5, -2.0), "neither")],
 )
-def test_who_could_go_first_has_a_free_way(table, make_run, place: tuple[float, float], first: str) -> None:
-    (found,) = standoffs(made(table, make_run, place))
+def test_who_could_go_first_has_a_free_way(place: tuple[float, float], first: str) -> None:
+    (found,) = standoffs(made(place))
     wanted = {"agent": 2, "step": BEGIN, "end_step": END - 1, "could_go_first": first, "resolved": True}
     assert asdict(found) == wanted
 
 
-def test_one_that_lasts_to_the_end_is_not_resolved(table, make_run) -> None:
-    (found,) = standoffs(made(table, make_run, (12.0, -10.0), end=STEPS))
+def test_one_that_lasts_to_the_end_is_not_resolved() -> None:
+    (found,) = standoffs(made((12.0, -10.0), end=STEPS))
     assert (found.end_step, found.resolved) == (STEPS - 1, False)
 
 
@@ -60,13 +61,13 @@ def test_one_that_lasts_to_the_end_is_not_resolved(table, make_run) -> None:
         ({"place": (12.0, 10.0)}, "its way does not cross"),
     ],
 )
-def test_others_that_stand_are_no_standoff(table, make_run, change: dict[str, Any], why: str) -> None:
-    assert standoffs(made(table, make_run, **change)) == [], why
+def test_others_that_stand_are_no_standoff(change: dict[str, Any], why: str) -> None:
+    assert standoffs(made(**change)) == [], why
 
 
 @pytest.mark.parametrize(("state", "count"), [(SignalState.RED, 0), (SignalState.GREEN, 1)])
-def test_a_light_that_holds_the_ego_is_the_reason(table, make_run, state: SignalState, count: int) -> None:
+def test_a_light_that_holds_the_ego_is_the_reason(state: SignalState, count: int) -> None:
     stop, leave = np.array([5.0, 0.0]), np.array([25.0, 0.0])
     link = SignalLink("A -> B", "A", "B", stop, 0.0, 3.5, leave, 0.0)
     signals = Signals(("g",), (link,), np.array([0]), np.full((1, STEPS), state, np.uint8))
-    assert len(standoffs(made(table, make_run, (12.0, -10.0), signals=signals))) == count
+    assert len(standoffs(made((12.0, -10.0), signals=signals))) == count

@@ -1,14 +1,11 @@
 """The way of a step through the graph, from marks that are made up: which part is how long, and that they add up."""
 
-from collections.abc import Callable
-
 import pytest
 
 from litsim_eval.analysis.measures.timing import pace_text, step_path, timing
 from litsim_eval.campaign.criteria import Criterion
 from litsim_eval.campaign.results import what_happened
-from litsim_sim.core.scene import AgentTable
-from litsim_sim.record.run import Run
+from made_runs import make_run, table
 
 BRIDGE = {"begin": 10.0, "shown": 10.001, "free": 10.004, "answered": 10.020, "complete": 10.021}
 MARKS = {
@@ -59,7 +56,7 @@ def test_a_step_that_was_not_marked_by_all_has_no_path(stage: str) -> None:
     assert step_path(2, MARKS) == {}, "nobody knows how long the world took"
 
 
-def test_a_run_tells_the_spread_of_every_part(make_run: Callable[..., Run], table: Callable[..., AgentTable]) -> None:
+def test_a_run_tells_the_spread_of_every_part() -> None:
     marks = {stage: dict(each) for stage, each in MARKS.items()}
     for stage in MARKS:
         marks[stage][2] = {name: time + 0.023 for name, time in MARKS[stage][1].items()}
@@ -80,9 +77,7 @@ def test_a_step_that_one_stage_has_not_marked_has_no_path_though_others_have(sta
 SLOW = {"median": 50.0, "p99": 298.0, "max": 400.0}
 
 
-def test_the_ego_of_the_graph_answers_from_the_publication_of_a_step_on(
-    make_run: Callable[..., Run], table: Callable[..., AgentTable]
-) -> None:
+def test_the_ego_of_the_graph_answers_from_the_publication_of_a_step_on() -> None:
     seconds = [9.0, 0.05, 0.4, None, 0.05]  # of a stack that starts late, and misses an answer
     took = [{} if each is None else {"ego": 10.0 + each} for each in seconds]
     marks = {"bridge": {step: {"shown": 10.0} | each for step, each in enumerate(took)}}
@@ -91,9 +86,7 @@ def test_the_ego_of_the_graph_answers_from_the_publication_of_a_step_on(
     assert timing(run)["answer_ms"] == pytest.approx({"median": 50.0, "p99": 393.0, "max": 400.0})
 
 
-def test_the_ego_in_process_answers_after_its_compute_time(
-    make_run: Callable[..., Run], table: Callable[..., AgentTable]
-) -> None:
+def test_the_ego_in_process_answers_after_its_compute_time() -> None:
     compute = {"ego": {0: 1.0, 1: 0.002, 2: 0.004}}
     run = make_run([table(step) for step in range(3)], timing=compute)
     assert timing(run)["answer_ms"] == pytest.approx({"median": 3.0, "p99": 3.98, "max": 4.0})
@@ -108,9 +101,7 @@ def test_a_criterion_may_judge_how_soon_the_ego_answers() -> None:
     assert text == "ego: time to answer, p99 393.00 ms, expected at most 100 ms"
 
 
-def test_records_of_the_graph_by_an_earlier_version_do_not_tell_when_the_ego_answers(
-    make_run: Callable[..., Run], table: Callable[..., AgentTable]
-) -> None:
+def test_records_of_the_graph_by_an_earlier_version_do_not_tell_when_the_ego_answers() -> None:
     run = make_run([table(step) for step in range(3)], marks=MARKS, timing={"ego": {1: 0.002}})
     assert timing(run)["answer_ms"] == {}
     assert pace_text({"timing": {"answer_ms": {}}}) == pace_text({"timing": {}}) == ""
