@@ -74,7 +74,9 @@ class Messages:
             return self.make(what)
         if form == 1:
             return "" if what[0] == "string" else 0
-        return np.zeros(what[1], what[0][1][0]) if form == 3 else []
+        if form == 3:
+            return np.zeros(what[1], what[0][1][0])
+        return [] if what[0][0] == 2 or what[0][1][0] == "string" else np.zeros(0, what[0][1][0])
 
     def header(self, time_ns: int) -> Any:
         """Returns a header in frame map."""

@@ -22,10 +22,11 @@ from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.campaign.folder import CampaignFolder
 from litsim_eval.campaign.results import RunResult
 from litsim_sim.core.scene import AgentTable, Controller
-from litsim_sim.core.stages import StageState
 from litsim_sim.core.takeover import Takeover, TakeoverState
-from litsim_sim.record.run import Run, RunInfo, Status
+from litsim_sim.record.run import Run
+from litsim_sim.scenario.run_info import IN_PROCESS
 from made_agents import takeover
+from made_runs import make_run, table
 from patience import PATIENCE_S
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -177,25 +178,19 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
 
 def _table(step: int, log: bool) -> AgentTable:
     """A road with the ego, which brakes, its follower, which is taken over for a while, and many others."""
-    n = 150
     t = 0.1 * step
-    ids = np.arange(1, n + 1)
-    x = 20.0 + 14.0 * ((ids - 1) // 5) + 8.0 * t
-    y = -3.66 * ((ids - 1) % 5 + 0.5)
-    speed = np.full(n, 8.0)
-    controller = np.full(n, Controller.LOG, np.uint8)
-    x[1], y[1] = x[0] - 12.0, y[0]
+    rows: list[dict[str, Any]] = [
+        {"id": k + 1, "x": 20.0 + 14.0 * (k // 5) + 8.0 * t, "y": -3.66 * (k % 5 + 0.5), "speed": 8.0, "length": 4.5}
+        for k in range(150)
+    ]
+    ego, follower = rows[:2]
+    follower |= {"x": ego["x"] - 12.0, "y": ego["y"]}
     if not log:
         late = max(0.0, t - 1.0)
-        x[0] -= 0.5 * late**2
-        speed[0] -= late
-        controller[0] = Controller.EGO
+        ego |= {"x": ego["x"] - 0.5 * late**2, "speed": 8.0 - late, "controller": Controller.EGO}
         if TAKEN[0] <= step <= TAKEN[1]:
-            x[1] -= 0.3 * (t - 2.0)
-            controller[1] = Controller.POLICY
-    zero = np.zeros(n)
-    size = (np.full(n, 4.5), np.full(n, 2.0))
-    return AgentTable(step, ids, np.zeros(n, np.uint8), controller, x, y, zero, speed, zero, zero, *size)
+            follower |= {"x": follower["x"] - 0.3 * (t - 2.0), "controller": Controller.POLICY}
+    return table(step, *rows)
 
 
 def _record(step: int) -> Takeover:
@@ -217,32 +212,16 @@ def _record(step: int) -> Takeover:
 
 @pytest.fixture(scope="session")
 def small_run() -> Run:
-    info = RunInfo(
+    steps = range(STEPS + 1)
+    return make_run(
+        [_table(k, log=False) for k in steps],
+        [_table(k, log=True) for k in steps],
         run_id="made-idm-litsim",
         scenario="made <&>",
-        scenario_yaml="name: made\nstart_frame: 100\n",
-        ego="idm",
-        policy="litsim",
-        ego_id=EGO,
-        seed=3,
-        total_steps=STEPS,
         history_steps=HISTORY,
-        dt=0.1,
-        mode="lockstep",
-        stages=("policy", "recorder"),
-        topics=("/litsim/agents",),
-        configuration="bridge: {}\n",
+        mode=IN_PROCESS,
         versions="python: 3.11.7\n",
-    )
-    steps = range(STEPS + 1)
-    return Run(
-        path=Path("bags/made/made_0.mcap"),
-        info=info,
-        tables=[_table(k, log=False) for k in steps],
-        log=[_table(k, log=True) for k in steps],
         takeovers={k: [_record(k)] if TAKEN[0] <= k <= TAKEN[1] else [] for k in steps},
-        statuses=[Status(STEPS, "bridge", StageState.FINISHED, 2.0, "missed: {}\nlate_entries: []\n")],
-        scenario_yaml=info.scenario_yaml,
         net_xml=NET.read_bytes(),
     )
 

@@ -21,7 +21,6 @@ Browser = Any
 FIELDS = (
     "[litsim.time, litsim.playing, litsim.view.following, litsim.view.shows, litsim.view.camera.scale, litsim.speed]"
 )
-NO_FORECASTS = Forecasts(*np.zeros((2, 0), np.int64), np.zeros(12), np.zeros((0, 12, 2)), np.zeros((0, 12, 3)))
 PIXELS = "document.getElementById('view').toDataURL()"
 
 
@@ -220,10 +219,9 @@ def test_on_paper_it_is_light_to_scale_and_without_controls(chromium: Browser, p
 
 
 def test_names_that_look_like_html_are_text(
-    chromium: Browser, without: Callable[..., Run], small_run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    chromium: Browser, without: Callable[..., Run], small_run: Run, tmp_path: Path
 ) -> None:
     name = "a\"b'c</script><script>document.title = 'taken over'</script><img src=x>{{ 7 * 7 }}"
-    monkeypatch.setattr(run_report, "read_forecasts", lambda run: NO_FORECASTS)
     run = without(info=replace(small_run.info, scenario=name, run_id=name, ego=name))
     path = tmp_path / "report.html"
     path.write_text(run_report.render(run, compute_metrics(run)))
@@ -281,9 +279,8 @@ def test_the_address_names_a_step(browser: Browser) -> None:
 
 
 def test_a_verdict_is_shown_with_marks_where_a_criterion_is_missed(
-    chromium: Browser, small_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    chromium: Browser, small_run: Run, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(run_report, "read_forecasts", lambda run: NO_FORECASTS)
     metrics = compute_metrics(small_run)
     missed, spans = next(iter(moments(small_run, metrics).items()))
     criteria = [

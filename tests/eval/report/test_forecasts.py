@@ -42,7 +42,7 @@ def write(small_run: Run, tmp_path: Path) -> Any:
             for values in described:
                 made = serialize_message(message(**({"run_id": small_run.info.run_id} | values)))
                 writer.write(FORECASTS.name, without_padding(JointForecast)(made), values["step"] * STEP_NS)
-        return replace(small_run, path=tmp_path / "bag/made_0.mcap")
+        return replace(small_run, path=tmp_path / "bag/made_0.mcap", info=replace(small_run.info, mode="lockstep"))
 
     return write_bag
 

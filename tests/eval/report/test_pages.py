@@ -8,14 +8,12 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import jinja2
-import numpy as np
 import pytest
 
 from campaigns import page_of
 from litsim_data.pictures.recording_plots import draw
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.report import run_report
-from litsim_eval.report.forecasts import Forecasts
 from litsim_eval.report.pages import asset, render_page
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.recording import Recording, RecordingHeader
@@ -53,15 +51,9 @@ def expect_text(html: str, scripts: int, times: int) -> None:
     assert "<script>alert" not in html and "<img src=x" not in html
 
 
-def no_forecasts(run: Run) -> Forecasts:
-    none = np.zeros(0, np.int64)
-    return Forecasts(none, none, np.zeros(13), np.zeros((0, 13, 2)), np.zeros((0, 13, 3)))
-
-
-def test_hostile_text_of_a_run(small_run: Run, without: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_report, "read_forecasts", no_forecasts)
+def test_hostile_text_of_a_run(small_run: Run, without: Callable[..., Run]) -> None:
     versions = json.dumps({HOSTILE: HOSTILE})
-    changes = dict.fromkeys(("run_id", "scenario", "ego", "policy", "mode", "configuration"), HOSTILE)
+    changes = dict.fromkeys(("run_id", "scenario", "ego", "policy", "configuration"), HOSTILE)
     run = without(info=replace(small_run.info, versions=versions, **changes), scenario_yaml=HOSTILE)
     metrics = compute_metrics(run) | {"why": HOSTILE, "digest": HOSTILE, HOSTILE: {HOSTILE: [HOSTILE]}}
     html = run_report.render(run, metrics)
@@ -95,8 +87,7 @@ def test_hostile_text_of_a_recording(tmp_path: Path, track: type) -> None:
     assert [tag for tag, _ in Page(html).tags].count("img") == 1
 
 
-def test_style_and_scripts_are_as_they_are(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_report, "read_forecasts", no_forecasts)
+def test_style_and_scripts_are_as_they_are(small_run: Run) -> None:
     html = run_report.render(small_run, compute_metrics(small_run))
     for name in ("report.css", "container.js", "data.js", "view.js", "svg.js", "charts.js", "app.js"):
         assert asset(name).strip() in html

@@ -1,17 +1,19 @@
 """What the ego's stack has planned is read from a bag by the definitions in it."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import get_types_from_msg
 
 from litsim_eval.report.plans import AUTOWARE, NO_PLANS, PATH, POINTS_MAX, read_plans
 from litsim_sim.record.bag import BagTopic, BagWriter, qos_yaml
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import EXTERNAL
+from made_bags import Messages
 
 TOPIC = "/planning/trajectory"
 # Those fields of Autoware's types that are read: a bag may hold another version of them.
@@ -23,33 +25,27 @@ PLAN += f"MSG: autoware_planning_msgs/TrajectoryPoint\n{POINT}"
 @pytest.fixture
 def write(small_run: Run, tmp_path: Path) -> Any:
     """Writes plans (step, points, speeds) as a bag, and gives the run that they belong to."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(PLAN, AUTOWARE))
-    types = store.types
+    types = Messages("made_msgs")
+    types.store.register(get_types_from_msg(PLAN, AUTOWARE))
 
     def pose(x: float, y: float) -> Any:
-        turn = types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0)
-        return types["geometry_msgs/msg/Pose"](
-            position=types["geometry_msgs/msg/Point"](x=x, y=y, z=0.0), orientation=turn
-        )
+        return types.make("geometry_msgs/msg/Pose", position=types.make("geometry_msgs/msg/Point", x=x, y=y))
 
     def write_bag(kind: str, *plans: tuple[int, list[tuple[float, float]], list[float]]) -> Run:
-        stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
-        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="map")
         with BagWriter(tmp_path / "bag", "made") as writer:
-            writer.add_topic(BagTopic(TOPIC, kind, store.generate_msgdef(kind, ros_version=2)[0], qos_yaml(1), ""))
+            definition = types.store.generate_msgdef(kind, ros_version=2)[0]
+            writer.add_topic(BagTopic(TOPIC, kind, definition, qos_yaml(1), ""))
             for step, places, speeds in plans:
                 if kind == PATH:
-                    stamped = types["geometry_msgs/msg/PoseStamped"]
-                    message = types[kind](
-                        header=header, poses=[stamped(header=header, pose=pose(*at)) for at in places]
-                    )
+                    stamped = [types.make("geometry_msgs/msg/PoseStamped", pose=pose(*at)) for at in places]
+                    message = types.make(kind, poses=stamped)
                 else:
-                    point = types["autoware_planning_msgs/msg/TrajectoryPoint"]
+                    point = partial(types.make, "autoware_planning_msgs/msg/TrajectoryPoint")
                     both = zip(places, speeds, strict=True)
-                    points = [point(pose=pose(*at), longitudinal_velocity_mps=v) for at, v in both]
-                    message = types[kind](header=header, points=points)
-                writer.write(TOPIC, bytes(store.serialize_cdr(message, kind)), step * 100_000_000)
+                    message = types.make(
+                        kind, points=[point(pose=pose(*at), longitudinal_velocity_mps=v) for at, v in both]
+                    )
+                writer.write(TOPIC, bytes(types.store.serialize_cdr(message, kind)), step * 100_000_000)
         return replace(small_run, path=tmp_path / "bag/made_0.mcap", info=replace(small_run.info, ego=EXTERNAL))
 
     return write_bag

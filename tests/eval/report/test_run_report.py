@@ -93,22 +93,19 @@ def test_data_of_the_page(html: str) -> None:
     assert sum(bool(path) for path in content["paths"]) == 1  # the same path at every step is kept once
 
 
-def test_a_run_that_is_not_valid_is_not_praised(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
+def test_a_run_that_is_not_valid_is_not_praised(small_run: Run) -> None:
     praise, metrics = '<span class="badge good">no new contacts</span>', compute_metrics(small_run) | {"reactive": True}
     assert praise in render(small_run, metrics | {"valid": True})
     assert praise not in render(small_run, metrics | {"valid": False})
 
 
-def test_an_ego_that_is_too_slow_is_told(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
+def test_an_ego_that_is_too_slow_is_told(small_run: Run) -> None:
     metrics = compute_metrics(small_run)
     metrics["timing"] = metrics["timing"] | {"answer_ms": {"median": 40.0, "p99": 250.0, "max": 300.0}}
     assert "too slow for 10 Hz" in render(small_run, metrics)
 
 
-def test_changes_of_the_scenario_are_told(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
+def test_changes_of_the_scenario_are_told(small_run: Run) -> None:
     brake = {"kind": "brake", "agent": 2, "begin_s": 4.0, "duration_s": 1.5, "deceleration": 2.0}
     for change, told in ((brake, True), ({"kind": "of a later version"}, False)):
         changed = replace(small_run, scenario_yaml=yaml.safe_dump(dict(small_run.scenario) | {"changes": [change]}))
