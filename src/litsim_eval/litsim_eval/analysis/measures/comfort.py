@@ -64,13 +64,11 @@ class Comfort:
     """Comfort of one agent's motion.
 
     Attributes:
-        agent: its id.
         within: share of steps within each of :data:`BOUNDS`.
         hard_brakes: number of manoeuvres that brake harder than 3 m/s2.
         hard_brakes_driven: how many of them begin to do so off the log, driven by a policy or a stack.
     """
 
-    agent: int
     within: dict[str, float]
     hard_brakes: int
     hard_brakes_driven: int
@@ -100,7 +98,7 @@ def comfort(tables: Sequence[AgentTable], agent: int, dt: float) -> Comfort | No
         defined = values[name] if len(values[name]) == len(rows) else values[name][follows]
         within[name] = float(np.mean((defined >= low) & (defined <= high)))
     begins = hard_brakes_begin(acceleration)
-    return Comfort(agent, within, int(begins.sum()), int((begins & (controller != Controller.LOG)).sum()))
+    return Comfort(within, int(begins.sum()), int((begins & (controller != Controller.LOG)).sum()))
 
 
 def hard_brakes_begin(acceleration: FloatArray) -> BoolArray:

@@ -44,11 +44,8 @@ def problems(run: Run) -> list[str]:
         topic: replace(gaps, missing=tuple(k for k in gaps.missing if k < end)) for topic, gaps in run.gaps.items()
     }
     gaps = (f"{topic}: {_described(gaps)}" for topic, gaps in sorted(within.items()) if gaps)
-    return [*_failures(run), *unanswered(run.summary), *gaps, *_unusable(run), *_not_as_sealed(run)]
-
-
-def _not_as_sealed(run: Run) -> list[str]:
-    return [] if run.seal is None else run.seal.flaws(run.facts(run.once(digest)))
+    not_as_sealed = [] if run.seal is None else run.seal.flaws(run.facts(run.once(digest)))
+    return [*_failures(run), *unanswered(run.summary), *gaps, *_unusable(run), *not_as_sealed]
 
 
 def _failures(run: Run) -> list[str]:

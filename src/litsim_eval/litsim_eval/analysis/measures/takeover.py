@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -139,30 +139,19 @@ class Jump(NamedTuple):
     speed: float = 0.0
     yaw: float = 0.0
 
-    def largest(self, other: Jump) -> Jump:
-        """Returns the componentwise maximum of both jumps."""
-        return Jump(*map(max, self, other))
 
-
-@dataclass(frozen=True)
-class Handback:
+class Handback(NamedTuple):
     """One return to the log, which is replayed from then on with the lag that the takeover left.
 
     Attributes:
-        agent: id of the agent.
-        step: last step under control.
-        residual: distance from the delayed log at `step` [m]; None without a logged pose there.
-        jump: componentwise largest jump from `step` until the agent is on its log again.
+        residual: distance from the delayed log at the last step under control [m]; None without a logged pose there.
+        jump: componentwise largest jump from that step until the agent is on its log again.
         log_jump: the same for the delayed log over the same steps: the noise of the recording.
-        lag: lag of the log from then on [steps].
     """
 
-    agent: int
-    step: int
     residual: float | None
     jump: Jump
     log_jump: Jump
-    lag: int = 0
 
 
 def ledger(run: Run) -> list[LedgerEntry]:
@@ -378,20 +367,25 @@ def _handback(run: Run, index: int, agent: int) -> Handback:
     """Returns the return of `agent`, with its last step under control in the table at `index`."""
     at_end = run.takeovers.get(run.tables[index].step, ())  # of its takeover, 0 if none was recorded
     lag = round(next((t.time_shift for t in at_end if t.agent == agent), 0.0) / run.info.dt)
-    largest, noise = Jump(), Jump()
+    jumps, noise = [], []
     for k in range(index, min(index + SETTLING_MAX, len(run.tables) - 1)):
         before, after = run.tables[k], run.tables[k + 1]
         row = after.row(agent)
         if row < 0 or after.controller[row] != Controller.LOG or not run.steps.follows[k + 1]:
             break
-        largest = largest.largest(jump(before, after, agent, run.info.dt))
+        jumps.append(jump(before, after, agent, run.info.dt))
         logged = _logged(run, k, agent, lag), _logged(run, k + 1, agent, lag)
         if logged[0] is not None and logged[1] is not None:
-            noise = noise.largest(jump(logged[0], logged[1], agent, run.info.dt))
+            noise.append(jump(logged[0], logged[1], agent, run.info.dt))
         apart = _from_log(run, k + 1, agent, lag)
         if apart is not None and apart < SETTLED:
             break
-    return Handback(agent, run.tables[index].step, _from_log(run, index, agent, lag), largest, noise, lag)
+    return Handback(_from_log(run, index, agent, lag), _largest(jumps), _largest(noise))
+
+
+def _largest(jumps: Iterable[Jump]) -> Jump:
+    """Returns the componentwise maximum of jumps, 0 without any."""
+    return Jump(*map(max, zip(Jump(), *jumps, strict=True)))
 
 
 def _logged(run: Run, index: int, agent: int, lag: int) -> AgentTable | None:
@@ -426,9 +420,7 @@ def _share_taken_over(run: Run, within: float | None = None) -> float | None:
 def handback(run: Run) -> dict[str, Any]:
     """Returns the number of returns to the log, their residuals, and the largest jumps in the run and in the log."""
     back = handbacks(run)
-    jumps, noise = Jump(), Jump()
-    for entry in back:
-        jumps, noise = jumps.largest(entry.jump), noise.largest(entry.log_jump)
+    jumps, noise = (_largest(own) for own in ((entry.jump for entry in back), (entry.log_jump for entry in back)))
     residuals = [entry.residual for entry in back if entry.residual is not None]
     return {
         "count": len(back),
