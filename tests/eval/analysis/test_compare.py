@@ -93,7 +93,7 @@ def test_command_prints_table_and_json(tmp_path: Path, capsys) -> None:
 def test_differences_are_in_colour_on_a_terminal() -> None:
     stream = io.StringIO()
     console = Console(file=stream, force_terminal=True, color_system="standard", width=100)
-    command.print_comparison(compare({"a": A, "b": changed(progress_m=12.5)}), console=console)
+    command.print_comparison(compare({"a": A, "b": changed(progress_m=12.5)}), console, only_differences=False)
     (line,) = (line for line in stream.getvalue().splitlines() if "progress_m" in line)
     assert "\x1b[1;33m" in line
 

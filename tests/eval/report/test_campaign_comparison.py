@@ -14,7 +14,7 @@ from litsim_eval.report.campaign_comparison import CASES_MAX, print_campaigns
 
 def printed(before: Campaign, after: Campaign, *, everything: bool = False) -> str:
     text = io.StringIO()
-    print_campaigns(compare_campaigns(before, after), everything=everything, console=Console(file=text, width=100))
+    print_campaigns(compare_campaigns(before, after), Console(file=text, width=100), everything=everything)
     return text.getvalue()
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from math import isclose
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,11 @@ class Row:
         return self.name.split(".")[0] not in OF_AN_EXECUTION
 
     @property
+    def marked(self) -> bool:
+        """Whether it differs, and is none in which equal runs differ, too."""
+        return self.differs and self.of_the_run
+
+    @property
     def change(self) -> float | None:
         """Difference of the second run's value from the first one's; None where either is not a number."""
         first, second = self.values[:2]
@@ -62,12 +68,11 @@ class Comparison:
     @property
     def equal(self) -> bool:
         """Whether only the run id and wall times differ."""
-        return not any(row.differs for row in self.rows if row.of_the_run)
+        return not any(row.marked for row in self.rows)
 
     def to_json(self) -> dict[str, Any]:
         """Returns names of the runs, whether they are equal, and all rows, as values for JSON."""
-        rows = [{"name": row.name, "values": list(row.values), "differs": row.differs} for row in self.rows]
-        return {"runs": list(self.names), "equal": self.equal, "rows": rows}
+        return {"runs": self.names, "equal": self.equal, "rows": [asdict(row) for row in self.rows]}
 
 
 def compare(metrics: dict[str, dict[str, Any]]) -> Comparison:
@@ -121,5 +126,5 @@ def _number(value: Any) -> bool:
 
 def _same(a: Any, b: Any) -> bool:
     if _number(a) and _number(b):
-        return bool(abs(a - b) <= SAME_RELATIVE * max(abs(a), abs(b)))
+        return isclose(a, b, rel_tol=SAME_RELATIVE)
     return bool(a == b) and type(a) is type(b)

@@ -50,9 +50,8 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def print_comparison(comparison: Comparison, only_differences: bool = False, console: Console | None = None) -> None:
+def print_comparison(comparison: Comparison, console: Console, *, only_differences: bool) -> None:
     """Prints a table; wall times are never marked."""
-    console = console or console_of()
     two = len(comparison.names) == 2
     table = Table(box=None, pad_edge=False)
     table.add_column("", no_wrap=True)
@@ -62,17 +61,15 @@ def print_comparison(comparison: Comparison, only_differences: bool = False, con
         table.add_column("change", justify="right", no_wrap=True)
     for row in comparison.rows:
         if row.differs or not only_differences:
-            marked = row.differs and row.of_the_run
-            table.add_row(*_cells(row, two), style=None if row.of_the_run else "dim", end_section=False)
-            if marked:
-                table.rows[-1].style = "bold yellow"
+            style = "bold yellow" if row.marked else None if row.of_the_run else "dim"
+            table.add_row(*_cells(row, two), style=style)
     console.print(table)
-    differing = sum(row.differs and row.of_the_run for row in comparison.rows)
+    differing = sum(row.marked for row in comparison.rows)
     console.print(f"{differing} measures differ" if differing else "equal but for wall times", highlight=False)
 
 
 def _cells(row: Row, with_change: bool) -> list[str]:
-    mark = "* " if row.differs and row.of_the_run else "  "  # also without colours
+    mark = "* " if row.marked else "  "  # also without colours
     cells = [mark + row.name, *(_text(value) for value in row.values)]
     if with_change:
         cells.append(f"{row.change:+.{DIGITS}g}" if row.differs and row.change is not None else "")
@@ -111,7 +108,7 @@ def main(argv: list[str] | None = None) -> int:
     if arguments.json:
         print(json.dumps(comparison.to_json(), indent=2))
     else:
-        print_comparison(comparison, arguments.differences)
+        print_comparison(comparison, console_of(), only_differences=arguments.differences)
     return 0
 
 
@@ -125,7 +122,7 @@ def _campaigns(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(comparison.to_json(), indent=2))
     else:
-        print_campaigns(comparison, everything=arguments.all)
+        print_campaigns(comparison, console_of(100), everything=arguments.all)
     return EXIT_FAILED if comparison.those("newly_failing") else 0
 
 

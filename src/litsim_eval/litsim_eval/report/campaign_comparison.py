@@ -11,7 +11,6 @@ from rich.table import Table
 from litsim_eval.campaign.bootstrap import LEVEL, RESAMPLES
 from litsim_eval.campaign.comparison import NOT_RUN, PASSED, CampaignComparison, Change, Pair, report_of
 from litsim_eval.campaign.results import Campaign
-from litsim_eval.report.terminal import console_of
 
 CASES_MAX = 20  # most cases of a list, unless everything is requested
 DIGITS = 3
@@ -20,15 +19,12 @@ MARK = "*"
 FEW = 20  # vehicles below which the bootstrap's bounds hold in less than nine of ten cases
 
 
-def print_campaigns(
-    comparison: CampaignComparison, *, everything: bool = False, console: Console | None = None
-) -> None:
+def print_campaigns(comparison: CampaignComparison, console: Console, *, everything: bool) -> None:
     """Prints in what two campaigns differ: versions, criteria, verdicts with both reports of each run, and measures.
 
     Of measures and cases these are, unless `everything` is asked for, those that have clearly changed and those of
     criteria, and the first CASES_MAX.
     """
-    console = console or console_of(100)
     limit = None if everything else CASES_MAX
     _print(console, f"{comparison.before.folder} -> {comparison.after.folder}")
     for name, (before, after) in comparison.other_versions.items():
