@@ -21,6 +21,8 @@ from litsim_sim.scenario.encounter_note import NOTE, Split
 from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario, packaged_scenarios
 
 T = TypeVar("T")
+Source = tuple[Encounter, Path]
+"""An encounter, and the recording that it is from."""
 REPORTED: Split = "reported"
 
 
@@ -47,14 +49,6 @@ class Selection:
 
     encounters: tuple[Encounter, ...]
     files: tuple[DataFile, ...]
-
-
-@dataclass(frozen=True)
-class _Source:
-    """An encounter, and the recording that it is from."""
-
-    encounter: Encounter
-    recording: Path
 
 
 def packaged_encounters(split: Split | None, limit: int | None) -> Selection:
@@ -87,13 +81,13 @@ def encounters_in(name: str, split: Split | None, limit: int | None) -> Selectio
     """
     path = Path(name)
     sources = _in_folder(path) if path.is_dir() else _in_file(name)
-    of_split = [source for source in sources if split in (None, source.encounter.split)]
+    of_split = [(encounter, recording) for encounter, recording in sources if split in (None, encounter.split)]
     if not of_split:
         raise InputError(f"{name}: no encounter of part {split}, expected at least one")
     return _selection(spread(of_split, limit))
 
 
-def _in_folder(folder: Path) -> list[_Source]:
+def _in_folder(folder: Path) -> list[Source]:
     """Returns the encounters in a folder of scenarios; raises an InputError without any, or if a scenario is none."""
     scenarios = [Scenario.load(path) for path in sorted(folder.glob("*.yaml"))]
     if not scenarios:
@@ -101,12 +95,12 @@ def _in_folder(folder: Path) -> list[_Source]:
     return [_of_scenario(scenario) for scenario in scenarios]
 
 
-def _of_scenario(scenario: Scenario) -> _Source:
+def _of_scenario(scenario: Scenario) -> Source:
     """Returns the encounter that a scenario is; raises an InputError if it is none."""
-    return _Source(Encounter.of_scenario(scenario), Path(scenario.file.recording))
+    return Encounter.of_scenario(scenario), Path(scenario.file.recording)
 
 
-def _in_file(name: str) -> list[_Source]:
+def _in_file(name: str) -> list[Source]:
     """Returns the encounter that a scenario is, or those that are found in it or in a recording.
 
     Raises:
@@ -120,19 +114,19 @@ def _in_file(name: str) -> list[_Source]:
         recording = Path(scenario.file.recording)
     left_out = Counter[Lack]()
     traffic = Traffic.of(name, None, left_out)
-    sources = [_Source(own, recording) for block in traffic.blocks for own in traffic.encounters(block)]
+    sources = [(own, recording) for block in traffic.blocks for own in traffic.encounters(block)]
     if not sources:
         reasons = "".join(f"; {count} left out: {lack}" for lack, count in sorted(left_out.items()))
         raise InputError(f"{name}: no moment in which a vehicle had to react to another{reasons}")
     return sources
 
 
-def _selection(sources: Sequence[_Source]) -> Selection:
+def _selection(sources: Sequence[Source]) -> Selection:
     """Returns the encounters of `sources`, with digests of recordings and nets."""
-    count = Counter((source.recording, source.encounter.licence) for source in sources)
-    count += Counter((source.encounter.scenario.net_path, "") for source in sources)
+    count = Counter((recording, encounter.licence) for encounter, recording in sources)
+    count += Counter((encounter.scenario.net_path, "") for encounter, _ in sources)
     files = [DataFile(path.name, licence, n, file_digest(path)) for (path, licence), n in sorted(count.items())]
-    return Selection(tuple(source.encounter for source in sources), tuple(files))
+    return Selection(tuple(encounter for encounter, _ in sources), tuple(files))
 
 
 def spread(sequence: Sequence[T], limit: int | None) -> list[T]:

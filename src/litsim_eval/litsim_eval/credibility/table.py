@@ -11,7 +11,7 @@ from rich.table import Table
 
 from litsim_eval.credibility.measures import measured
 from litsim_eval.credibility.results import PEOPLE, Results
-from litsim_eval.report.wording import NOTHING
+from litsim_eval.report.wording import NOTHING, number
 
 Figures = Mapping[str, Any]
 LEGEND = (
@@ -37,11 +37,7 @@ class Column:
 
 
 def _number(name: str, digits: int = 2) -> Callable[[Figures], str]:
-    def text(figures: Figures) -> str:
-        value = figures.get(name)
-        return NOTHING if value is None else f"{value:.{digits}f}"
-
-    return text
+    return lambda figures: number(figures.get(name), digits)
 
 
 def _share(name: str) -> Callable[[Figures], str]:
@@ -68,7 +64,7 @@ COLUMNS = (
     Column("TTC below\n2 s, %", _share("ttc_below_2"), _share("ttc_below_2")),
     Column("near\nmisses, %", _share("near_misses"), _share("near_misses")),
     Column("AUC", _number("near_miss_auc"), _nothing),
-    Column("contacts", lambda figures: str(figures["contacts"]), lambda figures: str(figures["contacts"])),
+    Column("contacts", _number("contacts"), _number("contacts")),
 )
 
 MORE_COLUMNS = (
