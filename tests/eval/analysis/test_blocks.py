@@ -98,6 +98,7 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path, monkeypatch: pytest.M
     """Held whole, the states of an agent at a step take 82 bytes in the run, and as many in the log."""
     monkeypatch.setattr(steps, "BLOCK_ROWS", 1000)
     monkeypatch.setattr(recording, "PART_ROWS", 1000)
+    monkeypatch.setattr("litsim_eval.analysis.tables.ROWS_MAX", 1000)
     agents, peaks = 40, []
 
     def table(step: int) -> AgentTable:
@@ -113,7 +114,7 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path, monkeypatch: pytest.M
         tracemalloc.start()
         run = read_run(bag)
         compute_metrics(run)
-        assert sum(len(part) for part in series_tables(run, 1000)) == agents * last
+        assert sum(len(part) for part in series_tables(run)) == agents * last
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert (peaks[1] - peaks[0]) / (300 * agents) < 40.0

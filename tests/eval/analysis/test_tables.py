@@ -137,15 +137,17 @@ def test_nothing_is_nan_or_infinite(series: pd.DataFrame, files: Path) -> None:
     assert series["ttc_s"].isna().any() and series["gap_m"].isna().any()
 
 
-def whole(run: Run, **options: int) -> pa.Table:
-    return pa.concat_tables(series_tables(run, **options))
+def whole(run: Run) -> pa.Table:
+    return pa.concat_tables(series_tables(run))
 
 
 @pytest.mark.parametrize("rows_max", [1, 10, 50])
-def test_a_series_in_many_parts_is_the_same(run: Run, rows_max: int) -> None:
-    parts = list(series_tables(run, rows_max))
+def test_a_series_in_many_parts_is_the_same(run: Run, rows_max: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = whole(run).to_pylist()
+    monkeypatch.setattr("litsim_eval.analysis.tables.ROWS_MAX", rows_max)
+    parts = list(series_tables(run))
     assert len(parts) > 1 and max(len(part) for part in parts[:-1]) <= max(rows_max, 4)
-    assert pa.concat_tables(parts).unify_dictionaries().to_pylist() == whole(run).to_pylist()
+    assert pa.concat_tables(parts).unify_dictionaries().to_pylist() == expected
 
 
 def test_runs_without_log_agents_or_steps() -> None:

@@ -191,10 +191,10 @@ def test_stop_lines_show_what_their_signals_do(small_run: Run) -> None:
     states[0, 20:40], states[0, 40:], states[1, :] = SignalState.AMBER, SignalState.RED, SignalState.UNAVAILABLE
     run = replace(small_run, signals=Signals(("straight", "right"), links, np.array([1, 0]), states))
     assert [link.name for link in links] == ["WA_0 -> AAS_0", "WA_0 -> AB_0"]
-    right, straight = signals(run, tracks_of(run))
+    right, straight = signals(run, tracks_of(run), np.zeros(2))
     assert straight["shown"] == [[0, "green"], [20, "amber"], [40, "red"]]
     assert right["shown"] == [[0, ""]]
     # eastwards, so that the left half of the lane's end is the one above
     assert (straight["line"][0], right["line"][0]) == (-114.6, -114.6)
     assert straight["line"][1] > straight["line"][3] > -8.25 > right["line"][1] > right["line"][3]
-    assert signals(small_run, tracks_of(small_run)) == []
+    assert signals(small_run, tracks_of(small_run), np.zeros(2)) == []

@@ -76,13 +76,13 @@ _MOTION = {  # bounded quantity of comfort: column
 }
 
 
-def series_tables(run: Run, rows_max: int = ROWS_MAX) -> Iterator[pa.Table]:
+def series_tables(run: Run) -> Iterator[pa.Table]:
     """Yields one row per agent and step after the history, sorted by step and id; columns as SERIES.
 
-    Missing values are null, never NaN or infinite. Each table has whole steps, and up to `rows_max` rows if these have
+    Missing values are null, never NaN or infinite. Each table has whole steps, and up to ROWS_MAX rows if these have
     no more; there is one table at least.
     """
-    for begin, end in [*run.simulated.blocks(rows_max)] or [(0, 0)]:
+    for begin, end in [*run.simulated.blocks(ROWS_MAX)] or [(0, 0)]:
         yield _series_table(run, begin, end)
 
 

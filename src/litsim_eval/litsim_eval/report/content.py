@@ -29,8 +29,6 @@ METRE, RADIAN, SPEED, SIGMA = 0.01, 0.002, 0.01, 0.05  # resolutions
 SIMPLIFY = 0.05  # [m] tolerance of the outline of the road
 SURROUNDINGS = 150.0  # [m] of road beyond where agents drive
 ORIGIN_GRID = 1000.0  # [m]
-IN_MAP = np.zeros(2)
-"""Origin of places in frame map."""
 TTC_MAX = 12.0  # [s] largest time to collision that is plotted
 HEADWAY_MAX = 6.0  # [s] largest headway that is plotted
 COMFORT = {"acceleration": "longitudinal_acceleration", "jerk": "longitudinal_jerk", "yaw_rate": "yaw_rate"}
@@ -90,11 +88,11 @@ def origin_of(tracks: Tracks) -> FloatArray:
     Browsers draw in single precision, which is half a metre 5000 km from the origin, as UTM's northings are.
     """
     present = tracks.present
-    middle = np.array([np.median(tracks.x[present]), np.median(tracks.y[present])]) if present.any() else IN_MAP
+    middle = np.array([np.median(tracks.x[present]), np.median(tracks.y[present])]) if present.any() else np.zeros(2)
     return np.asarray(np.round(middle / ORIGIN_GRID) * ORIGIN_GRID)
 
 
-def road(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> dict[str, Any]:
+def road(run: Run, tracks: Tracks, origin: FloatArray) -> dict[str, Any]:
     """Returns surfaces and painted lines of lanes near the agents: flat lists x0, y0, x1, y1, ... from `origin` [m]."""
     lane_map = lane_map_of(run)
     present = tracks.present
@@ -107,7 +105,7 @@ def road(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> dict[str, Any
     return {"lanes": lanes, "lines": [line for lane in near if not lane.is_internal for line in _lines(lane, origin)]}
 
 
-def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[str, Any]]:
+def signals(run: Run, tracks: Tracks, origin: FloatArray) -> list[dict[str, Any]]:
     """Stops lines: for each controlled connection its part of the line, from `origin` [m], and its signal by frame.
 
     The connections of a lane share its line from left to right, as they turn. `shown` lists [frame, light] of every

@@ -37,9 +37,6 @@ class Forecasts:
     mean: FloatArray
     spread: FloatArray
 
-    def __len__(self) -> int:
-        return len(self.agent)
-
     def every(self, steps: int) -> Forecasts:
         """Returns the forecasts made at those steps that are multiples of `steps`."""
         chosen = self.step % steps == 0
