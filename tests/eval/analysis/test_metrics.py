@@ -14,16 +14,19 @@ from command_line import refusal, status
 from litsim_eval.analysis.measures.identity import digest
 from litsim_eval.analysis.measures.lockstep import problems
 from litsim_eval.analysis.measures.timing import timing
-from litsim_eval.analysis.metrics import compute_metrics, write_metrics
+from litsim_eval.analysis.metrics import compute_metrics, find_field, leaves, metric_fields, write_metrics
 from litsim_eval.cli.analyze import main
 from litsim_eval.report.analyze import FILES, measure
 from litsim_eval.report.terminal import print_ledger, print_metrics
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller, ControlSource, ControlTable
 from litsim_sim.core.stages import StageState
+from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.record.failure import write_failure
 from litsim_sim.record.run import Status, TopicGaps, read_run
 from litsim_sim.record.seal import write_seal
+from litsim_sim.scenario.mission import Mission
+from litsim_sim.scenario.signals import Signals
 from made_agents import takeover
 from made_runs import make_run, moved, table, write_run
 
@@ -58,6 +61,38 @@ def test_measures_of_a_run(run: Any) -> None:
     assert metrics["handback"]["count"] == 1
     assert metrics["handback"]["max_position_jump_m"] == pytest.approx(5.0)
     assert metrics["collision"]["rate_all"] == 0.0
+
+
+@pytest.fixture
+def whole(run: Any) -> dict[str, Any]:
+    """Measures of the run with signals and a mission: of every family of measures there is one."""
+    signals = Signals(("1",), (), np.empty(0, np.int64), np.zeros((1, STEPS + 1), np.uint8))
+    lanes = len(LaneMap.from_net(NET).lanes)
+    mission = Mission(np.zeros((2, 2)), np.zeros(3), np.ones(lanes, np.bool_), np.zeros(lanes))
+    return compute_metrics(replace(run, signals=signals, mission=mission))
+
+
+def test_every_leaf_of_a_run_is_a_field_of_its_kind(whole: dict[str, Any]) -> None:
+    found = leaves(whole)
+    assert len(found) > 80 and found["realism.score"] is not None and found["fault.of_ego"] is not None
+    for name, value in found.items():
+        field = find_field(name)
+        assert value is None or type(value) in field.kinds | ({int} if float in field.kinds else set()), name
+
+
+def test_every_field_that_a_run_must_have_is_in_it(whole: dict[str, Any]) -> None:
+    of_other_runs = (
+        "ade_controlled_m.",
+        "ade_all_m.",
+        "ade_ego_m.",
+        "lockstep.",
+        "timing.",
+        "displacement.agent_steps.",
+    )
+    of_other_runs += ("realism.features.traffic_light_violation",)
+    for field in metric_fields():
+        if not field.name.startswith(of_other_runs):
+            assert field.name in leaves(whole), field.name
 
 
 def answers(run: Any) -> dict[int, ControlTable]:

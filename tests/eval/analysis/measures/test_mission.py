@@ -18,6 +18,7 @@ from made_runs import make_run, table
 
 NET = packaged("nets/urban_like.net.xml")
 STREET = LaneMap.from_net(NET)
+CRITERIA = {criterion.field: criterion for criterion in Criteria.load().runs}
 STRAIGHT, RIGHT = ("WA_0", ":A_11_0", "AB_0"), ("WA_0", ":A_10_0", "AAS_0")
 
 
@@ -63,8 +64,7 @@ def test_an_ego_that_goes_straight_on_where_its_log_turns_fails(run: Any) -> Non
     ((step, lane),) = [(each["step"], each["lane"]) for each in measured["left"]]
     assert lane == "AB_0" and step == pytest.approx(20.0 + inside, abs=1.5)
     assert 0.2 < measured["progress_ratio"] < 0.6, "more than the criterion of progress asks for"
-    criterion = next(each for each in Criteria.load().runs if each.field == "mission.off_route_m")
-    result = criterion.of_run({"mission": measured})
+    result = CRITERIA["mission.off_route_m"].of_run({"mission": measured})
     assert not result.passed
     text = what_happened(result.field, result.value, result.limit, {"mission": measured})
     assert text == (
@@ -75,11 +75,10 @@ def test_an_ego_that_goes_straight_on_where_its_log_turns_fails(run: Any) -> Non
 
 def test_beyond_the_last_edge_of_its_log_the_ego_may_drive_anywhere(run: Any) -> None:
     """The log ends before the junction."""
-    before = mission(run(STRAIGHT))
-    on_first = run(STRAIGHT)
-    short = on_first.log[:10]
+    whole = run(STRAIGHT)
+    short = whole.log[:10]
     measured = mission(run(STRAIGHT, log=short, mission=given(short[-1], RIGHT)))
-    assert before["off_route_m"] > 20.0 and measured["off_route_m"] == 0.0
+    assert mission(whole)["off_route_m"] > 20.0 and measured["off_route_m"] == 0.0
 
 
 def test_a_goal_that_is_named_is_reached_or_not(run: Any) -> None:
@@ -88,14 +87,13 @@ def test_a_goal_that_is_named_is_reached_or_not(run: Any) -> None:
     assert (reached["goal_reached"], missed["goal_reached"]) == (True, False)
     assert reached["progress_ratio"] is None, "the log drives elsewhere"
     assert "its goal is named" in what_happened("mission.progress_ratio", None, "at least 0.2", {"mission": missed})
-    limit = next(each for each in Criteria.load().runs if each.field == "mission.goal_reached")
+    limit = CRITERIA["mission.goal_reached"]
     text = what_happened(limit.field, missed["goal_reached"], limit.limit, {"mission": missed})
     assert text.startswith("the ego did not reach its goal: it came within ")
 
 
 def test_a_record_without_a_mission_says_so_and_does_not_pass(run: Any) -> None:
     assert mission(run(RIGHT, mission=None)) is None
-    criterion = next(each for each in Criteria.load().runs if each.field == "mission.off_route_m")
-    result = criterion.of_run({"mission": None})
+    result = CRITERIA["mission.off_route_m"].of_run({"mission": None})
     assert not result.passed
     assert what_happened(result.field, None, result.limit, {}).startswith("the ego's mission is not recorded")
