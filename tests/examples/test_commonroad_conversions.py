@@ -1,10 +1,6 @@
 """The example's conversions read what the bridge publishes and write what the port accepts; no planner is needed."""
 
-import importlib.util
-import sys
 from collections.abc import Callable
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -19,22 +15,12 @@ from litsim_sim.ros import lane_clouds, messages, standard
 from litsim_sim.ros.ego_port import from_path
 from litsim_sim.scenario.mission import Mission
 from litsim_sim.scenario.scenario import packaged
+from programs import program
 
-FILE = Path(__file__).parents[2] / "examples/commonroad_planner/conversions.py"
-
-
-@pytest.fixture(scope="module")
-def conversions() -> ModuleType:
-    name = "commonroad_conversions"
-    spec = importlib.util.spec_from_file_location(name, FILE)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+conversions = program("examples/commonroad_planner/conversions.py")
 
 
-def test_objects_and_ego(conversions: ModuleType, agent_table: Callable[..., Any]) -> None:
+def test_objects_and_ego(agent_table: Callable[..., Any]) -> None:
     table = agent_table(
         7,
         {"id": 1, "x": 100.0, "y": -5.0, "yaw": 0.5, "speed": 12.0, "yaw_rate": 0.1},
@@ -48,11 +34,11 @@ def test_objects_and_ego(conversions: ModuleType, agent_table: Callable[..., Any
     assert (ego.x, ego.y, ego.yaw, ego.speed, ego.yaw_rate) == pytest.approx((100.0, -5.0, 0.5, 12.0, 0.1))
 
 
-def test_an_empty_road_has_no_objects(conversions: ModuleType, agent_table: Callable[..., Any]) -> None:
+def test_an_empty_road_has_no_objects(agent_table: Callable[..., Any]) -> None:
     assert len(conversions.objects_of(standard.objects(agent_table(0, {"id": 1}), ego_id=1))) == 0
 
 
-def test_prediction_is_at_constant_velocity(conversions: ModuleType, agent_table: Callable[..., Any]) -> None:
+def test_prediction_is_at_constant_velocity(agent_table: Callable[..., Any]) -> None:
     table = agent_table(0, {"id": 1}, {"id": 2, "x": 30.0, "y": 2.0, "yaw": np.pi / 2, "speed": 4.0})
     objects = conversions.objects_of(standard.objects(table, ego_id=1))
     assert conversions.predicted(objects, np.array([0.0, 0.5, 2.0]))[0] == pytest.approx(
@@ -63,7 +49,7 @@ def test_prediction_is_at_constant_velocity(conversions: ModuleType, agent_table
     assert (ahead[0], left[0]) == pytest.approx((2.0, 0.0), abs=1e-5)
 
 
-def test_lanes_have_their_borders_on_either_side(conversions: ModuleType) -> None:
+def test_lanes_have_their_borders_on_either_side() -> None:
     lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
     lanes = conversions.lanes_of(standard.lanes(lane_map))
     assert len(lanes) == len(lane_map.lanes)
@@ -77,19 +63,19 @@ def test_lanes_have_their_borders_on_either_side(conversions: ModuleType) -> Non
             assert np.hypot(*across) == pytest.approx(0.5 * lane.width, rel=1e-6)
 
 
-def test_a_line_is_lengthened_at_both_ends(conversions: ModuleType) -> None:
+def test_a_line_is_lengthened_at_both_ends() -> None:
     line = np.array([[0.0, 0.0], [0.0, 0.0], [10.0, 0.0], [10.0, 5.0]])
     longer = conversions.lengthened(line, 3.0, 4.0)
     assert longer == pytest.approx(np.array([[-3.0, 0.0], [0.0, 0.0], [10.0, 0.0], [10.0, 5.0], [10.0, 9.0]]))
 
 
-def test_a_line_is_sampled_evenly_from_end_to_end(conversions: ModuleType) -> None:
+def test_a_line_is_sampled_evenly_from_end_to_end() -> None:
     line = np.array([[0.0, 0.0], [0.1, 0.0], [6.0, 0.0], [6.0, 3.0]])
     points = conversions.sampled(line, 2.0)
     assert points == pytest.approx(np.array([[0.0, 0.0], [1.8, 0.0], [3.6, 0.0], [5.4, 0.0], [6.0, 1.2], [6.0, 3.0]]))
 
 
-def test_braking_stops_beside_the_line(conversions: ModuleType) -> None:
+def test_braking_stops_beside_the_line() -> None:
     ego = conversions.Ego(2.0, 0.5, 0.0, 6.0, 0.0)
     points = conversions.braking(np.array([[0.0, 0.0], [5.0, 0.0]]), ego, 6.0, 31)
     assert points[0] == pytest.approx((2.0, 0.5))
@@ -98,7 +84,7 @@ def test_braking_stops_beside_the_line(conversions: ModuleType) -> None:
     assert np.diff(speed[:10]) == pytest.approx(np.full(9, -0.6))
 
 
-def test_the_port_accepts_what_is_written(conversions: ModuleType) -> None:
+def test_the_port_accepts_what_is_written() -> None:
     ego = EgoState(1.2, 50.0, -3.0, 0.0, 10.0, 4.5)
     points = np.stack([50.0 + np.arange(31), np.full(31, -3.0)], axis=1)
     answer = from_path(conversions.path_message(1_200_000_000, points))
@@ -109,7 +95,7 @@ def test_the_port_accepts_what_is_written(conversions: ModuleType) -> None:
     assert conversions.line_of(conversions.path_message(0, points)) == pytest.approx(points)
 
 
-def test_the_lowest_limit_of_the_route(conversions: ModuleType) -> None:
+def test_the_lowest_limit_of_the_route() -> None:
     lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
     nowhere = np.full(len(lane_map.lanes), np.nan)
     for limit in sorted(set(lane_map.speed_limits.tolist())):

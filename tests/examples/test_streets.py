@@ -1,6 +1,5 @@
 """The timing plan and the windows of examples/streets, and the fit of the plan's offset to vehicles."""
 
-import importlib.util
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +17,7 @@ from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import packaged
 from litsim_sim.scenario.signals import SignalsFile, signals_of
+from programs import program
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "streets"
 LINKS = read_links(packaged("nets/urban_like.net.xml"))
@@ -38,13 +38,8 @@ PLAN = SignalsFile.model_validate(
 
 @pytest.fixture(scope="module")
 def windows() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("street_windows", FOLDER / "windows.py")
-    assert spec is not None and spec.loader is not None
     sys.path.insert(0, str(FOLDER))  # of plan_offset
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look there
-    spec.loader.exec_module(module)
-    return module
+    return program("examples/streets/windows.py")
 
 
 def test_windows_that_overlap_become_one(windows: ModuleType) -> None:

@@ -1,7 +1,6 @@
 """Files of parameters in YAML say what each value is, and those of the nodes what the node does without them."""
 
 import re
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.plugins import stage_reader
 from litsim_sim.core.stages import EGO
 from litsim_sim.scenario.run_info import driver_names
+from programs import program
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ROOT / "src"
@@ -21,10 +21,7 @@ TRAININGS = (
     *SOURCES.glob("litsim_research/config/?ail.yaml"),
     *SOURCES.glob("litsim_research/*/configs/**/*.yaml"),
 )
-spec = spec_from_file_location("parameters", ROOT / "tools/parameters.py")
-assert spec is not None and spec.loader is not None
-tool = module_from_spec(spec)
-spec.loader.exec_module(tool)
+tool = program("tools/parameters.py")
 
 
 def test_files_of_parameters_are_up_to_date() -> None:

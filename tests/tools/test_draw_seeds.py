@@ -2,16 +2,13 @@
 
 import json
 import subprocess
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
 
-TOOL = Path(__file__).parents[2] / "tools/draw_seeds.py"
-spec = spec_from_file_location("draw_seeds", TOOL)
-assert spec is not None and spec.loader is not None
-tool = module_from_spec(spec)
-spec.loader.exec_module(tool)
+from programs import program
+
+tool = program("tools/draw_seeds.py")
 
 
 def test_seeds_are_drawn_for_a_commit_and_only_for_one(

@@ -2,16 +2,14 @@
 
 import subprocess
 import sys
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
 
+from programs import program
+
 TOOL = Path(__file__).parents[2] / "tools/figures.py"
-spec = spec_from_file_location("figures", TOOL)
-assert spec is not None and spec.loader is not None
-figures = module_from_spec(spec)
-spec.loader.exec_module(figures)
+figures = program("tools/figures.py")
 
 PAGE = """# Page
 

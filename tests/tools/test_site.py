@@ -3,27 +3,19 @@
 import re
 import sys
 from importlib import import_module
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import pytest
 
 from documentation import PAGES, ROOT
 from litsim_sim.core import plugins
+from programs import program
 
 REFERENCE = (ROOT / "docs/api.md").read_text(encoding="utf-8")
 
 
-def tool(name: str) -> ModuleType:
-    spec = spec_from_file_location(name, ROOT / f"tools/{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-site = tool("site")
+site = program("tools/site.py")
 
 
 @pytest.fixture
@@ -61,7 +53,7 @@ def test_a_page_that_the_navigation_lacks_is_refused(pages: Path) -> None:
 def test_marks_of_docstrings_become_those_of_markdown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "griffe", SimpleNamespace(Extension=object, Object=object))
     text = "See :class:`~a.b.Policy`, :func:`plan` and :data:`.core.X`, as in::\n\n    f()\n"
-    assert tool("docstrings").markdown(text) == "See `Policy`, `plan` and `core.X`, as in:\n\n    f()\n"
+    assert program("tools/docstrings.py").markdown(text) == "See `Policy`, `plan` and `core.X`, as in:\n\n    f()\n"
 
 
 @pytest.mark.parametrize("name", re.findall(r"^::: ([\w.]+)$", REFERENCE, re.MULTILINE))

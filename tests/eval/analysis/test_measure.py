@@ -2,14 +2,12 @@
 
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from campaigns import stored, summarised_metrics
-from documentation import ROOT
 from litsim_eval.analysis import metrics, summary
 from litsim_eval.analysis.measure import Better, Measure
 from litsim_eval.campaign.criteria import Criteria
@@ -20,12 +18,9 @@ from litsim_sim.core import plugins
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.run import Run
 from made_runs import make_run, table
+from programs import program
 
-spec = spec_from_file_location("measures", ROOT / "tools/measures.py")
-assert spec and spec.loader
-tool = module_from_spec(spec)
-spec.loader.exec_module(tool)
-
+tool = program("tools/measures.py")
 MADE = (metrics.added, metrics.measures, metrics.metric_fields, metrics.measures_by_field, summary.all_rows)
 FASTEST = Measure(
     "fastest",

@@ -1,21 +1,16 @@
 """Planted drivers under published measures: the recording wins, on the demo."""
 
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
-
 import pytest
 
 from litsim_sim.scenario.scenario import Scenario
+from programs import program
 
-spec = spec_from_file_location("likelihood_rows", Path(__file__).parents[3] / "benchmarks/likelihood/rows.py")
-assert spec is not None and spec.loader is not None
-program = module_from_spec(spec)
-spec.loader.exec_module(program)
+likelihood = program("benchmarks/likelihood/rows.py")
 
 
 @pytest.fixture(scope="module")
 def rows() -> dict[str, dict[str, float]]:
-    measured: dict[str, dict[str, float]] = program.rows(Scenario.load("demo"))
+    measured: dict[str, dict[str, float]] = likelihood.rows(Scenario.load("demo"))
     return measured
 
 
