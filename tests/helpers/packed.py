@@ -3,6 +3,7 @@
 import base64
 import gzip
 import json
+import re
 from typing import Any
 
 import numpy as np
@@ -24,3 +25,10 @@ def unpack(text: str) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.float64]
             whole = np.cumsum(whole, axis=-1, dtype=WHOLE)
         arrays[each["name"]] = whole.astype(np.float64) * each["resolution"]
     return content, arrays
+
+
+def of_page(html: str) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.float64]]]:
+    """Content and arrays of the container in a page, which is of letters that cannot end a script."""
+    data = re.search(r'<script id="data" type="text/plain">([A-Za-z0-9+/=]*)</script>', html)
+    assert data
+    return unpack(data[1])

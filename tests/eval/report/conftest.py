@@ -227,16 +227,6 @@ def small_run() -> Run:
 
 
 @pytest.fixture(scope="session")
-def without(small_run: Run) -> Callable[..., Run]:
-    """The small run with fields replaced."""
-
-    def change(**fields: Any) -> Run:
-        return replace(small_run, **fields)
-
-    return change
-
-
-@pytest.fixture(scope="session")
 def campaign(small_run: Run) -> Callable[..., Path]:
     """Writes the folder of a campaign: scenes with an ego under two policies, judged by three criteria.
 

@@ -7,20 +7,17 @@ from litsim_eval.report.events import contact_table, takeover_table
 ENTRY = {"agent": 2, "opponent": 1, "reason": "log_collision", "detected_step": 20, "time_to_conflict_s": 2.5}
 
 
-def test_a_takeover() -> None:
-    more = {
-        "overlap_probability": 0.4,
-        "replay_would_collide": True,
-        "replay_opponent": 1,
-        "replay_step": 33,
-        "held_s": 2.0,
-        "released_step": 45,
-        "residual_m": 0.5,
-    }
+def cells(**more: Any) -> dict[str, str]:
+    """Texts by column of the takeover with `more` fields."""
     table = takeover_table([ENTRY | more], 0.1, ego=1)
     (row,) = table.rows
     assert (row.step, row.agent) == (20, 2)
-    assert dict(zip(table.head, row.cells, strict=True)) == {
+    return dict(zip(table.head, row.cells, strict=True))
+
+
+def test_a_takeover() -> None:
+    hit = {"replay_would_collide": True, "replay_opponent": 1, "replay_step": 33}
+    assert cells(**hit, overlap_probability=0.4, held_s=2.0, released_step=45, residual_m=0.5) == {
         "agent": "2",
         "opponent": "ego 1",
         "why": "log collision",
@@ -34,24 +31,15 @@ def test_a_takeover() -> None:
 
 
 def test_a_takeover_that_never_ends_and_was_for_nothing() -> None:
-    table = takeover_table([ENTRY | {"false_alarm": True, "residual_m": 0.5}], 0.1, ego=1)
-    cells = dict(zip(table.head, table.rows[0].cells, strict=True))
-    assert cells["the log alone"] == "false alarm: no contact"
-    assert cells["predicted overlap"] == "in 2.5 s"
-    assert cells["back at"] == cells["distance then"] == cells["off its log for"] == "–"
+    found = cells(false_alarm=True, residual_m=0.5)
+    assert found["the log alone"] == "false alarm: no contact"
+    assert found["predicted overlap"] == "in 2.5 s"
+    assert found["back at"] == found["distance then"] == found["off its log for"] == "–"
 
 
-def test_a_takeover_that_ends_in_own_intent() -> None:
-    table = takeover_table(
-        [ENTRY | {"outcome": "own_intent", "own_intent_step": 47, "released_step": None}], 0.1, ego=1
-    )
-    assert dict(zip(table.head, table.rows[0].cells, strict=True))["back at"] == "own intent from 4.7 s"
-
-
-def test_a_takeover_that_no_forecast_predicted() -> None:
-    more = {"reason": "region", "time_to_conflict_s": None, "overlap_probability": None}
-    table = takeover_table([ENTRY | more], 0.1, ego=1)
-    assert dict(zip(table.head, table.rows[0].cells, strict=True))["predicted overlap"] == "–"
+def test_a_takeover_that_ends_in_own_intent_and_that_no_forecast_predicted() -> None:
+    found = cells(outcome="own_intent", own_intent_step=47, released_step=None, time_to_conflict_s=None)
+    assert (found["back at"], found["predicted overlap"]) == ("own intent from 4.7 s", "–")
 
 
 def test_contacts() -> None:

@@ -17,7 +17,7 @@ from litsim_eval.report import experiment
 from litsim_eval.report.thumbnails import read_thumbnail
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.run import Run
-from packed import unpack
+from packed import of_page
 
 Write = Callable[..., Path]
 
@@ -35,9 +35,7 @@ def cells(html: str, name: str) -> list[str]:
 
 
 def packed(page: Path) -> dict[str, Any]:
-    found = re.search(r'<script id="data" type="text/plain">([A-Za-z0-9+/=]*)</script>', page.read_text())
-    assert found
-    return unpack(found[1])[0]
+    return of_page(page.read_text())[0]
 
 
 def test_verdicts_are_of_all_runs_and_those_not_judged_have_not_passed(campaign: Write, tmp_path: Path) -> None:

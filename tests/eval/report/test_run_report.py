@@ -23,7 +23,7 @@ from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.scenario import packaged
 from litsim_sim.scenario.signals import Signals
-from packed import unpack
+from packed import of_page, unpack
 
 Make = Callable[..., Any]
 VOID = {"meta", "link", "input", "br"}
@@ -82,9 +82,7 @@ def test_structure(html: str) -> None:
 
 
 def test_data_of_the_page(html: str) -> None:
-    match = re.search(r'<script id="data" type="text/plain">([^<]*)</script>', html)
-    assert match
-    content, arrays = unpack(match[1])
+    content, arrays = of_page(html)
     assert content["run"]["ego"] == 1
     assert arrays["x"].shape == arrays["mode"].shape == (150, 61)
     assert arrays["forecast_x"].shape == (610, 13)
@@ -113,9 +111,9 @@ def test_changes_of_the_scenario_are_told(small_run: Run) -> None:
         assert ("2 brakes at 2.00 m/s² for 1.5 s from 4.0 s on" in page) == told
 
 
-def test_size_of_a_long_dense_run(small_run: Run, without: Make) -> None:
+def test_size_of_a_long_dense_run(small_run: Run) -> None:
     steady = [replace(small_run.tables[k % 61], step=k) for k in range(281)]
-    long_run, metrics = without(tables=steady, log=steady), compute_metrics(small_run)
+    long_run, metrics = replace(small_run, tables=steady, log=steady), compute_metrics(small_run)
     assert len(pack_run(long_run, metrics, made_forecasts(281, 20), 1)) < 1.0e6  # agents near the ego
     assert len(pack_run(long_run, metrics, made_forecasts(281, 150), 1)) < run_report.DATA_MAX < 9.0e6  # everybody
 
@@ -131,7 +129,7 @@ def test_forecasts_are_thinned_to_fit(small_run: Run, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("lacking", ["net", "log", "takeovers", "some steps"])
-def test_less_is_shown_of_a_run_that_lacks_something(lacking: str, small_run: Run, without: Make) -> None:
+def test_less_is_shown_of_a_run_that_lacks_something(lacking: str, small_run: Run) -> None:
     changes: dict[str, dict[str, Any]] = {
         "net": {"net_xml": b""},
         "log": {"log": []},
@@ -141,7 +139,7 @@ def test_less_is_shown_of_a_run_that_lacks_something(lacking: str, small_run: Ru
             "log": small_run.log[:7] + small_run.log[9:],
         },
     }
-    run = without(**changes[lacking])
+    run = replace(small_run, **changes[lacking])
     metrics = compute_metrics(run)
     content, arrays = unpack(pack_run(run, metrics, made_forecasts(0, 0), 1))
     assert arrays["x"].shape == (150, 61)
