@@ -26,9 +26,8 @@ def made_encounters(count: int) -> list[Encounter]:
         lost, begin, duration = rng.uniform(3.0, 5.0), HISTORY + int(rng.integers(5, 13)), int(rng.integers(15, 20))
         opponent = straight(50.0 + GAP + LENGTH, braking(HISTORY, lost, 15))
         agent = straight(50.0, braking(begin, lost, duration))
-        encounters.append(
-            replace(one, name=f"made_{number}", site=f"site_{number}", truth=agent, opponent_truth=opponent)
-        )
+        note = one.note.model_copy(update={"site": f"site_{number}"})
+        encounters.append(replace(one, note=note, truth=agent, opponent_truth=opponent))
     return encounters
 
 
@@ -39,19 +38,19 @@ def copy(encounter: Encounter) -> Track:
 
 def late(encounter: Encounter) -> Track:
     """Does as people did, a second later."""
-    speed, begin = encounter.truth.speed, encounter.onset_step
+    speed, begin = encounter.truth.speed, encounter.note.onset_step
     return onward(encounter, np.concatenate([np.full(LATE_STEPS, speed[begin]), speed[begin:-LATE_STEPS]]))
 
 
 def never(encounter: Encounter) -> Track:
     """Never yields."""
-    return onward(encounter, np.full(len(encounter.truth) - encounter.onset_step, encounter.truth.speed[0]))
+    return onward(encounter, np.full(len(encounter.truth) - encounter.note.onset_step, encounter.truth.speed[0]))
 
 
 def superhuman(encounter: Encounter) -> Track:
     """Brakes at once, at 8 m/s2."""
-    since = STEP_S * np.arange(len(encounter.truth) - encounter.onset_step)
-    return onward(encounter, np.maximum(encounter.truth.speed[encounter.onset_step] - SUPERHUMAN * since, 0.0))
+    since = STEP_S * np.arange(len(encounter.truth) - encounter.note.onset_step)
+    return onward(encounter, np.maximum(encounter.truth.speed[encounter.note.onset_step] - SUPERHUMAN * since, 0.0))
 
 
 PLANTED = {driver.__name__: driver for driver in (copy, late, never, superhuman)}
@@ -60,7 +59,7 @@ PLANTED = {driver.__name__: driver for driver in (copy, late, never, superhuman)
 def onward(encounter: Encounter, speed: FloatArray) -> Track:
     """The record up to the onset, from there on straight on at these speeds."""
     truth = encounter.truth
-    return straight(truth.x[0], np.concatenate([truth.speed[: encounter.onset_step], speed]))
+    return straight(truth.x[0], np.concatenate([truth.speed[: encounter.note.onset_step], speed]))
 
 
 def braking(begin: int, lost: float, duration: int) -> FloatArray:

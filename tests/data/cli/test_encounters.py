@@ -26,8 +26,8 @@ def test_the_demo_gives_scenarios_with_their_truth(tmp_path: Path, capsys: pytes
     table = table_rows((tmp_path / "out" / "encounters.csv").read_text())
     assert capsys.readouterr().out.splitlines()[-1] == f"{len(table)} encounters: {len(table)} cut_in"
     encounter = Encounter.of_scenario(Scenario.load(tmp_path / "out" / f"{table[0].name}.yaml"))
-    assert (encounter.kind, encounter.split) == ("cut_in", "reported")
-    assert (encounter.agent, encounter.opponent) == (table[0].agent, table[0].opponent)
+    assert (encounter.note.kind, encounter.note.split) == ("cut_in", "reported")
+    assert (encounter.note.agent, encounter.note.opponent) == (table[0].agent, table[0].opponent)
     assert encounter.people.least_gap == pytest.approx(table[0].least_gap_m, abs=0.01)
 
 
@@ -93,4 +93,4 @@ def test_packaged_encounters_are_written_as_scenarios(tmp_path: Path, real_data:
     wanted = [row for row in rows("reported") if row.kind in ("standing", "cut_in")]
     assert {path.stem for path in (tmp_path / "out").glob("*.yaml")} == {row.name for row in wanted}
     scenario = Scenario.load(tmp_path / "out" / f"{wanted[0].name}.yaml")
-    assert Encounter.of_scenario(scenario).opponent == wanted[0].opponent
+    assert Encounter.of_scenario(scenario).note.opponent == wanted[0].opponent

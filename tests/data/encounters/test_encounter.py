@@ -10,8 +10,8 @@ from made_encounters import AGENT, HISTORY, OPPONENT, STEPS, encounter_note, enc
 
 def test_an_encounter_is_read_from_the_header_of_its_recording() -> None:
     encounter = Encounter.of_scenario(encounter_scenario(encounter_note()))
-    assert (encounter.agent, encounter.opponent, encounter.onset_step) == (AGENT, OPPONENT, HISTORY)
-    assert (encounter.kind, encounter.split, encounter.licence) == ("leader_brakes", "tuning", "made")
+    assert (encounter.note.agent, encounter.note.opponent, encounter.note.onset_step) == (AGENT, OPPONENT, HISTORY)
+    assert (encounter.note.kind, encounter.note.split, encounter.licence) == ("leader_brakes", "tuning", "made")
     assert len(encounter.truth) == len(encounter.opponent_truth) == STEPS
     assert np.array_equal(encounter.truth.x, encounter_note()["truth"]["agent"]["x"])
 

@@ -38,8 +38,8 @@ def found(where: Traffic) -> list[Encounter]:
 
 def test_a_leader_that_brakes_does_not_in_the_log() -> None:
     (encounter,) = found(traffic(LEADER, FOLLOWER, straight(THIRD, 20.0, 15.0, 3)))
-    log, onset = encounter.scenario.log, encounter.onset_step
-    assert (encounter.kind, encounter.agent, encounter.opponent, onset) == ("leader_brakes", AGENT, OPPONENT, 50)
+    log, note, onset = encounter.scenario.log, encounter.note, encounter.note.onset_step
+    assert (note.kind, note.agent, note.opponent, onset) == ("leader_brakes", AGENT, OPPONENT, 50)
     assert np.allclose(log.speed[:2, onset:], 14.0, atol=0.2)
     assert encounter.opponent_truth.speed[-1] == pytest.approx(9.0, abs=0.1)
     assert encounter.people.speed_lost == pytest.approx(5.0, abs=0.3)
@@ -59,7 +59,7 @@ def test_who_comes_into_the_lane_stays_in_its_own_in_the_log(kind: str, lane: in
     agent = braking(AGENT, 155.0, lane, [(0, 15), (5, 15), (7, 12), (12, 12)])
     (encounter,) = found(traffic(agent, other))
     log = encounter.scenario.log
-    assert (encounter.kind, encounter.agent, encounter.opponent) == (kind, AGENT, OPPONENT)
+    assert (encounter.note.kind, encounter.note.agent, encounter.note.opponent) == (kind, AGENT, OPPONENT)
     assert encounter.opponent_truth.y[-1] == pytest.approx(lane_y(lane), abs=0.1)
     assert log.y[1, -1] == pytest.approx(lane_y(lane + 1), abs=0.6)
 
@@ -76,7 +76,7 @@ def test_who_starts_across_the_way_does_not_touch_in_the_log(
 ) -> None:
     length = STREET.lanes[STREET.row(opponent[0])].length
     (encounter,) = found(traffic(agent, on_path(OPPONENT, opponent, length - 4.0, STARTS), lane_map=STREET))
-    assert (encounter.kind, encounter.agent, encounter.opponent) == (kind, AGENT, OPPONENT)
+    assert (encounter.note.kind, encounter.note.agent, encounter.note.opponent) == (kind, AGENT, OPPONENT)
     log, people = encounter.scenario.log, encounter.people
     apart = np.hypot(log.x[0] - log.x[1], log.y[0] - log.y[1])
     assert apart.min() > 2.0 and not people.contact
@@ -105,7 +105,7 @@ def test_encounters_of_one_agent_do_not_overlap_and_blocks_share_none() -> None:
     way = np.append(0.0, np.cumsum(0.05 * (speed[1:] + speed[:-1])))
     ring = [Vehicle(number, (x + way), np.full(len(t), lane_y(1))) for number, x in ((AGENT, 0.0), (OPPONENT, 25.0))]
     where = traffic(*ring)
-    frames = [encounter.scenario.start_frame + encounter.onset_step for encounter in found(where)]
+    frames = [encounter.scenario.start_frame + encounter.note.onset_step for encounter in found(where)]
     assert np.all(np.diff(frames) > 60)
 
 

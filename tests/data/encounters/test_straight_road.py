@@ -10,8 +10,8 @@ from made_encounters import AGENT, OPPONENT, following_track
 
 def test_the_log_keeps_both_at_their_pace_and_the_truth_is_kept_apart() -> None:
     made = encounter(next(brakings(following_track())))
-    log, onset = made.scenario.log, made.onset_step
-    assert (made.agent, made.opponent, len(made.truth)) == (AGENT, OPPONENT, onset + AFTER + 1)
+    log, onset = made.scenario.log, made.note.onset_step
+    assert (made.note.agent, made.note.opponent, len(made.truth)) == (AGENT, OPPONENT, onset + AFTER + 1)
     for vehicle in (AGENT, OPPONENT):
         row = log.row(vehicle)
         assert np.ptp(log.speed[row, onset:]) == 0.0
@@ -48,4 +48,4 @@ def test_nothing_that_can_be_seen_depends_on_what_is_recorded_later() -> None:
 
 def test_an_unknown_leader_has_an_id_of_its_own() -> None:
     braking = next(brakings(replace(following_track(), leader=-1)))
-    assert encounter(braking).opponent == 0
+    assert encounter(braking).note.opponent == 0

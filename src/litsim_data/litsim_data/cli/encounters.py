@@ -89,7 +89,7 @@ def _found(arguments: argparse.Namespace, left_out: Counter[Lack]) -> Iterator[t
     traffic = Traffic.of(arguments.recording, arguments.net, left_out)
     for block in tqdm(traffic.blocks, unit=" min", leave=False, disable=None):
         for encounter in traffic.encounters(block, arguments.kinds):
-            if arguments.split in (None, encounter.split):
+            if arguments.split in (None, encounter.note.split):
                 yield EncounterRow.of(encounter, arguments.recording, traffic.period), encounter
 
 

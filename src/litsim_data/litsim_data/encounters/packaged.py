@@ -22,8 +22,6 @@ from litsim_sim.scenario.encounter_note import Split
 from litsim_sim.scenario.load import load_recording
 from litsim_sim.scenario.scenario import packaged
 
-__all__ = ["EncounterRow", "build", "made_anew", "rows"]
-
 WINDOWS = "ngsim/us101_0750_frames_0126_1149.parquet"
 WINDOW = {"frame": [316.0, 543.0], "local_y_m": [180.0, 415.0]}
 """The window of the packaged scenario us101_0750; the others of that file are too short for encounters."""

@@ -61,7 +61,7 @@ def reaction(
     Both tracks begin at the same step; sizes are lengths and widths of boxes [m].
     """
     end = min(len(agent), len(opponent))
-    a, b = _from(agent, onset_step, end), _from(opponent, onset_step, end)
+    a, b = (track.part(onset_step, end) for track in (agent, opponent))
     speed = a.speed
     slower = np.flatnonzero(speed < speed[0] - REACTED)
     mean_acceleration = (speed[BRAKING_STEPS:] - speed[:-BRAKING_STEPS]) / (BRAKING_STEPS * STEP_S)
@@ -119,10 +119,6 @@ def box_gaps(
         **both,
     )
     return distance, times_to_collision(table, at[::2])
-
-
-def _from(track: Track, begin: int, end: int) -> Track:
-    return Track(*(values[begin:end] for values in (track.x, track.y, track.yaw, track.speed)))
 
 
 def _arrays(size: tuple[float, float]) -> tuple[FloatArray, FloatArray]:

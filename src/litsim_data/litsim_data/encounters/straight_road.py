@@ -37,23 +37,19 @@ def encounter(braking: Braking) -> Encounter:
     track, onset = braking.track, braking.history
     part, half = slice(braking.onset - onset, braking.onset + AFTER + 1), 0.5 * CAR_LENGTH
     opponent = _straight(*drivable(track.leader_rear[part] + 0.5 * track.leader_length, track.leader_speed[part]))
-    agent = _straight(centred_place(track.front)[part] - half, centred_speed(track.front)[part])
+    agent = _driven(track.front, part, -half)
     note = EncounterNote(
         kind=braking.kind,
         site=track.site,
         agent=track.follower,
-        opponent=max(track.leader, UNKNOWN_LEADER),
+        opponent=_leader(track),
         onset_step=onset,
         split=track.split,
         truth=Truth(agent=TrackNote.of(agent), opponent=TrackNote.of(opponent)),
     )
     seen = _straight(track.front[part] - half, track.speed[part])
     frame = braking.frame - onset
-    columns = [
-        _columns(note.opponent, frame, _at_pace(opponent, onset), track.leader_length),
-        _columns(note.agent, frame, _at_pace(seen, onset), CAR_LENGTH),
-    ]
-    both = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
+    both = _columns(track, frame, _at_pace(opponent, onset), _at_pace(seen, onset))
     return _origin(track.site).encounter(braking.name, note, both)
 
 
@@ -62,21 +58,20 @@ def following_scenario(track: FollowingTrack, part: slice, history: int) -> Scen
 
     The ego is the leader; it is free from step `history` on.
     """
-    frame, half = track.first_frame + part.start, 0.5 * CAR_LENGTH
-    leader = max(track.leader, UNKNOWN_LEADER)
-    ahead = centred_place(track.leader_rear)[part] + 0.5 * track.leader_length
-    columns = [
-        _columns(leader, frame, _straight(ahead, centred_speed(track.leader_rear)[part]), track.leader_length),
-        _columns(
-            track.follower,
-            frame,
-            _straight(centred_place(track.front)[part] - half, centred_speed(track.front)[part]),
-            CAR_LENGTH,
-        ),
-    ]
-    both = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
+    frame, ahead = track.first_frame + part.start, _driven(track.leader_rear, part, 0.5 * track.leader_length)
+    both = _columns(track, frame, ahead, _driven(track.front, part, -0.5 * CAR_LENGTH))
     name = f"{track.site}_{track.period}_{track.follower}_{frame}"
-    return _origin(track.site).scenario(name, both, ego=leader, history_steps=history)
+    return _origin(track.site).scenario(name, both, ego=_leader(track), history_steps=history)
+
+
+def _leader(track: FollowingTrack) -> int:
+    """Returns the id of the leader."""
+    return max(track.leader, UNKNOWN_LEADER)
+
+
+def _driven(end: FloatArray, part: slice, ahead: float) -> Track:
+    """Returns how a vehicle truly drove in a `part` of its record; its middle is `ahead` [m] of its `end` (T,) [m]."""
+    return _straight(centred_place(end)[part] + ahead, centred_speed(end)[part])
 
 
 def _straight(x: FloatArray, speed: FloatArray) -> Track:
@@ -90,8 +85,15 @@ def _at_pace(track: Track, onset: int) -> Track:
     return _straight(track.x[kept] + STEP_S * (step - kept) * track.speed[onset], track.speed[kept])
 
 
-def _columns(vehicle: int, frame: int, track: Track, length: float) -> dict[str, np.ndarray]:
-    """Returns the columns of a recording that begins at `frame`, of one `vehicle` of a `length` [m]."""
+def _columns(track: FollowingTrack, frame: int, leader: Track, follower: Track) -> dict[str, np.ndarray]:
+    """Returns the columns of a recording of both vehicles that begins at `frame`."""
+    both = (_leader(track), leader, track.leader_length), (track.follower, follower, CAR_LENGTH)
+    columns = [_columns_of(vehicle, frame, driven, length) for vehicle, driven, length in both]
+    return {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
+
+
+def _columns_of(vehicle: int, frame: int, track: Track, length: float) -> dict[str, np.ndarray]:
+    """Returns the columns of one `vehicle` of a `length` [m]."""
     step = np.arange(len(track))
     before = track.speed[np.maximum(step - ACCELERATION_STEPS, 0)]
     values: dict[str, Any] = {

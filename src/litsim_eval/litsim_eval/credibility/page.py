@@ -13,7 +13,7 @@ from litsim_data.encounters.encounter import Encounter
 from litsim_data.encounters.reaction import BY_BOXES, box_gaps, path_gaps
 from litsim_eval.credibility.charts import Chart, Line, shares_up_to, span
 from litsim_eval.credibility.measures import QUANTITIES, mean_distance
-from litsim_eval.credibility.responses import Responses, sizes
+from litsim_eval.credibility.responses import Responses
 from litsim_eval.credibility.results import Results, judged
 from litsim_eval.credibility.table import COLUMNS, LEGEND, MORE_COLUMNS, sections, words
 from litsim_eval.report.pages import render_page
@@ -58,8 +58,8 @@ def write_page(results: Results, command: str, path: Path) -> None:
 
 def _subtitle(results: Results) -> str:
     """Returns which encounters there are, in words."""
-    kinds = Counter(words(encounter.kind) for encounter in results.encounters)
-    sites = Counter(encounter.site for encounter in results.encounters)
+    kinds = Counter(words(encounter.note.kind) for encounter in results.encounters)
+    sites = Counter(encounter.note.site for encounter in results.encounters)
     texts = [", ".join(f"{count} {name}" for name, count in counts.items()) for counts in (kinds, sites)]
     drivers = f" · {results.drivers} drivers in each" if results.drivers > 1 else ""
     return f"{len(results.encounters)} encounters: {texts[0]} · {texts[1]}{drivers}"
@@ -118,7 +118,7 @@ def _over_time(results: Results, encounter: Encounter) -> Iterator[Chart]:
         for row in [own.row(encounter)]
         if row is not None
     }
-    ends = -BEFORE_STEPS * STEP_S, (len(encounter.truth) - 1 - encounter.onset_step) * STEP_S
+    ends = -BEFORE_STEPS * STEP_S, (len(encounter.truth) - 1 - encounter.note.onset_step) * STEP_S
     colours = {name: colour for colour, name in enumerate(results.drives)}
     for number, title in enumerate(("gap [m]", "speed [m/s]", "acceleration [m/s²]")):
         lines = [Line(name, colours[name], own[0], own[1 + number]) for name, own in series.items()]
@@ -127,15 +127,12 @@ def _over_time(results: Results, encounter: Encounter) -> Iterator[Chart]:
 
 def _series(encounter: Encounter, track: Track) -> tuple[FloatArray, ...]:
     """Returns time from the onset, gap, speed and acceleration (T,) of an agent on `track` [s, m, m/s, m/s2]."""
-    begin = max(encounter.onset_step - BEFORE_STEPS, 0)
+    begin = max(encounter.note.onset_step - BEFORE_STEPS, 0)
     end = min(len(track), len(encounter.opponent_truth))
-    own, other = (
-        Track(whole.x[begin:end], whole.y[begin:end], whole.yaw[begin:end], whole.speed[begin:end])
-        for whole in (track, encounter.opponent_truth)
-    )
-    gap, _ = (box_gaps if encounter.kind in BY_BOXES else path_gaps)(own, other, *sizes(encounter))
+    own, other = (whole.part(begin, end) for whole in (track, encounter.opponent_truth))
+    gap, _ = (box_gaps if encounter.note.kind in BY_BOXES else path_gaps)(own, other, *encounter.sizes)
     speed = own.speed
     acceleration = np.full(len(speed), np.nan)
     acceleration[SLOPE_STEPS:] = (speed[SLOPE_STEPS:] - speed[:-SLOPE_STEPS]) / (SLOPE_STEPS * STEP_S)
-    time = STEP_S * (begin - encounter.onset_step + np.arange(len(gap), dtype=np.float64))
+    time = STEP_S * (begin - encounter.note.onset_step + np.arange(len(gap), dtype=np.float64))
     return time, gap, speed, acceleration

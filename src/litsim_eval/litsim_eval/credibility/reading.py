@@ -81,7 +81,7 @@ def encounters_in(name: str, split: Split | None, limit: int | None) -> Selectio
     """
     path = Path(name)
     sources = _in_folder(path) if path.is_dir() else _in_file(name)
-    of_split = [(encounter, recording) for encounter, recording in sources if split in (None, encounter.split)]
+    of_split = [(encounter, recording) for encounter, recording in sources if split in (None, encounter.note.split)]
     if not of_split:
         raise InputError(f"{name}: no encounter of part {split}, expected at least one")
     return _selection(spread(of_split, limit))

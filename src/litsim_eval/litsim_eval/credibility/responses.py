@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from litsim_data.encounters.encounter import Encounter
-from litsim_data.encounters.reaction import Reaction, reaction
+from litsim_data.encounters.reaction import Reaction
 from litsim_eval.credibility.running import Drive
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
@@ -99,11 +99,11 @@ class Responses:
         pairs = [(encounter, own) for encounter, driven in zip(encounters, drives, strict=True) for own in driven]
         offsets = np.array([_offsets(encounter, own.track) for encounter, own in pairs])
         late = [np.nan if own.taken_over_s is None else own.taken_over_s for _, own in pairs]
-        simulated = Reactions.of([reaction_of(encounter, own.track) for encounter, own in pairs]).reshaped(*shape)
+        simulated = Reactions.of([encounter.reaction(own.track) for encounter, own in pairs]).reshaped(*shape)
         return cls(
             encounters=tuple(encounters),
             drives=tuple(map(tuple, drives)),
-            people=Reactions.of([reaction_of(encounter, encounter.truth) for encounter in encounters]),
+            people=Reactions.of([encounter.people for encounter in encounters]),
             simulated=simulated,
             taken_over_s=np.array(late, np.float64).reshape(shape),
             touched=simulated.contact | np.array([own.contact for _, own in pairs]).reshape(shape),
@@ -121,13 +121,13 @@ class Responses:
     @property
     def kinds(self) -> dict[str, IntArray]:
         """Rows of the encounters of each kind, by name."""
-        kind = np.array([encounter.kind for encounter in self.encounters])
+        kind = np.array([encounter.note.kind for encounter in self.encounters])
         return {name: np.flatnonzero(kind == name) for name in dict.fromkeys(kind.tolist())}
 
     @cached_property
     def vehicles(self) -> IntArray:
         """(n,) number of the vehicle that reacts, from 0 on: encounters of one vehicle resemble each other."""
-        return numbered((encounter.site, encounter.agent) for encounter in self.encounters)
+        return numbered((encounter.note.site, encounter.note.agent) for encounter in self.encounters)
 
     def row(self, encounter: Encounter) -> int | None:
         """Returns the row of an encounter; None if it is not among these."""
@@ -139,19 +139,6 @@ class Responses:
         return self.along.shape[1]
 
 
-def reaction_of(encounter: Encounter, track: Track) -> Reaction:
-    """Returns the reaction of the agent of `encounter` that drives `track`."""
-    return reaction(encounter.kind, track, encounter.opponent_truth, encounter.onset_step, *sizes(encounter))
-
-
-def sizes(encounter: Encounter) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Returns lengths and widths of the boxes of agent and opponent [m]."""
-    log = encounter.scenario.log
-    rows = map(log.row, (encounter.agent, encounter.opponent))
-    agent, opponent = ((float(log.length[row]), float(log.width[row])) for row in rows)
-    return agent, opponent
-
-
 def numbered(keys: Iterable[Any]) -> IntArray:
     """Returns the number of each key, equal for equal ones, from 0 on in the order of their first appearance."""
     number: dict[Any, int] = {}
@@ -160,7 +147,7 @@ def numbered(keys: Iterable[Any]) -> IntArray:
 
 def _offsets(encounter: Encounter, track: Track) -> FloatArray:
     """Returns how far ahead and to the left of the record `track` is (2, steps) [m]; see :class:`Responses`."""
-    truth, begin = encounter.truth, encounter.onset_step
+    truth, begin = encounter.truth, encounter.note.onset_step
     steps = slice(begin, min(len(truth), len(track), begin + LOOK_STEPS + 1))
     offsets = np.full((2, LOOK_STEPS + 1), np.nan)
     away = track.x[steps] - truth.x[steps], track.y[steps] - truth.y[steps]

@@ -101,9 +101,9 @@ class Results:
         errors = Counter(failure.setup for failure in self.failures)
         return {
             "encounters": len(self.encounters),
-            "kinds": dict(Counter(encounter.kind for encounter in self.encounters)),
-            "sites": dict(Counter(encounter.site for encounter in self.encounters)),
-            "splits": dict(Counter(encounter.split for encounter in self.encounters)),
+            "kinds": dict(Counter(encounter.note.kind for encounter in self.encounters)),
+            "sites": dict(Counter(encounter.note.site for encounter in self.encounters)),
+            "splits": dict(Counter(encounter.note.split for encounter in self.encounters)),
             "drivers": self.drivers,
             "policies": {
                 setup.name: self.measures[setup.name]
@@ -135,7 +135,7 @@ def _rows(name: str, responses: Responses) -> Iterator[dict[str, object]]:
     """Yields a line for each run of the setup `name`; what is not known is empty."""
     error = {"position_error_m": responses.along, "across_error_m": responses.across}
     for n, encounter in enumerate(responses.encounters):
-        about = {field: getattr(encounter, field) for field in ("kind", "site", "split", "agent", "opponent")}
+        about = {field: getattr(encounter.note, field) for field in ("kind", "site", "split", "agent", "opponent")}
         for k in range(responses.drivers):
             own = {"taken_over_s": responses.taken_over_s[n, k], "contact": float(responses.touched[n, k])}
             own |= {field: mean_distance(values[n : n + 1, k : k + 1])[0] for field, values in error.items()}

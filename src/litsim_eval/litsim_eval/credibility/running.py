@@ -137,18 +137,18 @@ class Watch:
 
     def look(self, table: AgentTable) -> None:
         """Note the agent's state at the next step."""
-        row = table.row(self._encounter.agent)
+        row = table.row(self._encounter.note.agent)
         self._gone |= row < 0
         if self._gone:
             return
         self._states.append((table.x[row], table.y[row], table.yaw[row], table.speed[row]))
         touching = set(table.id[_touching(table, row)].tolist())
-        if table.step < self._encounter.onset_step:
+        if table.step < self._encounter.note.onset_step:
             self._touched |= touching
             return
         self._contact |= bool(touching - self._touched)
         if self._taken_over is None and table.controller[row] == Controller.POLICY:
-            self._taken_over = table.step - self._encounter.onset_step
+            self._taken_over = table.step - self._encounter.note.onset_step
 
     @property
     def drive(self) -> Drive:

@@ -45,6 +45,10 @@ class Track:
     def __len__(self) -> int:
         return len(self.x)
 
+    def part(self, begin: int, end: int) -> Track:
+        """Returns the steps from `begin` up to `end`, exclusive."""
+        return Track(*(values[begin:end] for values in (self.x, self.y, self.yaw, self.speed)))
+
 
 class TrackNote(BaseModel):
     """A :class:`Track` as a header keeps it."""
