@@ -5,7 +5,7 @@ Module `track_fit` cleans one track, `report` measures the changes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -16,10 +16,8 @@ from litsim_data.cleaning.report import CleaningReport, measure
 from litsim_data.cleaning.track_fit import REAR_AXLE, CleaningConfig, fit_track
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.scenario.recording import COLUMNS
-
-__all__ = ["CleaningConfig", "CleaningReport", "clean", "front_centres", "smoothed"]
 
 FRONT = 0.5  # distance of the front centre ahead of the box centre [lengths]
 LEADS_NOWHERE = 5.0  # [m] tracks of a smaller extent are given a hint of their direction
@@ -27,17 +25,6 @@ MOVED = 1.0  # [m] shortest displacement with a reliable direction
 NEIGHBOUR = 30.0  # [m] within which directions of other vehicles serve as hints, those of the same lane first
 NEIGHBOURS = 16  # most neighbours considered
 JUMP = 60.0  # [m] largest plausible measuring error between frames
-
-
-@dataclass(frozen=True)
-class _Tracks:
-    """The input sorted by vehicle and frame; vehicle k's rows are ``start[k]`` up to ``start[k + 1]``."""
-
-    table: pd.DataFrame
-    start: IntArray
-
-    def rows(self, vehicle: int) -> slice:
-        return slice(int(self.start[vehicle]), int(self.start[vehicle + 1]))
 
 
 def clean(tracks: pd.DataFrame, config: CleaningConfig | None = None) -> tuple[pd.DataFrame, CleaningReport]:
@@ -76,9 +63,8 @@ def smoothed(
     Raises:
         InputError: a vehicle jumps by more than 60 m.
     """
-    by_vehicle = _sorted(tracks)
-    table = by_vehicle.table
-    state = _fitted(by_vehicle, config or CleaningConfig(), ahead, measured=measured)
+    table, by_vehicle = _sorted(tracks)
+    state = _fitted(table, by_vehicle, config or CleaningConfig(), ahead, measured=measured)
     yaw, lever = state[:, 2], REAR_AXLE * table["length"].to_numpy(np.float64)
     cleaned = table[["vehicle_id", "frame", "length", "width", "kind", "lane"]].assign(
         x=state[:, 0] + lever * np.cos(yaw),
@@ -90,13 +76,16 @@ def smoothed(
     return cleaned[list(COLUMNS)].astype(COLUMNS).sort_values(["frame", "vehicle_id"], ignore_index=True)
 
 
-def _fitted(tracks: _Tracks, config: CleaningConfig, ahead: float, *, measured: bool) -> FloatArray:
-    """Returns the motions (n, 5) of all vehicles: rear axle x, y [m], yaw [rad], speed [m/s], acceleration [m/s2]."""
-    table = tracks.table
+def _fitted(
+    table: pd.DataFrame, tracks: list[slice], config: CleaningConfig, ahead: float, *, measured: bool
+) -> FloatArray:
+    """Returns the motions (n, 5) of all vehicles: rear axle x, y [m], yaw [rad], speed [m/s], acceleration [m/s2].
+
+    `tracks` are the rows of each vehicle in `table`.
+    """
     points = table[["x", "y"]].to_numpy(np.float64)
     length, share = table["length"].to_numpy(np.float64), ahead + REAR_AXLE
     yaw = table["yaw"].to_numpy(np.float64) if measured else None
-    count = len(tracks.start) - 1
     state = np.empty((len(table), 5))
 
     def fit(rows: slice, hint: float | None) -> None:
@@ -105,16 +94,14 @@ def _fitted(tracks: _Tracks, config: CleaningConfig, ahead: float, *, measured: 
         state[rows] = np.column_stack([motion.axle, motion.yaw, motion.speed, motion.acceleration])
         bar.update()
 
-    with tqdm(total=count, unit=" vehicles", leave=False, disable=None) as bar:
+    with tqdm(total=len(tracks), unit=" vehicles", leave=False, disable=None) as bar:
         waiting = []
-        for vehicle in range(count):
-            rows = tracks.rows(vehicle)
+        for rows in tracks:
             if np.linalg.norm(np.ptp(points[rows], axis=0)) < LEADS_NOWHERE:
-                waiting.append(vehicle)
+                waiting.append(rows)
             else:
                 fit(rows, None)
-        for vehicle, hint in zip(waiting, _hints(tracks, waiting, state), strict=True):
-            rows = tracks.rows(vehicle)
+        for rows, hint in zip(waiting, _hints(table, waiting, state), strict=True):
             fit(rows, float(hint))
             if rows.stop - rows.start == 1 and "speed" in table:  # one position says nothing about speed
                 state[rows, 3] = table["speed"].to_numpy()[rows]
@@ -127,8 +114,10 @@ def front_centres(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(x=table["x"] + half * np.cos(yaw), y=table["y"] + half * np.sin(yaw))
 
 
-def _sorted(tracks: pd.DataFrame) -> _Tracks:
-    """Returns the tracks by vehicle and frame; the tables of recordings cannot lack what the fit needs, but jump.
+def _sorted(tracks: pd.DataFrame) -> tuple[pd.DataFrame, list[slice]]:
+    """Returns the tracks by vehicle and frame, and the rows of each vehicle.
+
+    The tables of recordings cannot lack what the fit needs, but jump.
 
     Raises:
         InputError: a vehicle does.
@@ -143,25 +132,24 @@ def _sorted(tracks: pd.DataFrame) -> _Tracks:
             f"tracks to clean: vehicle_id {vehicle[at]}: frame {frame[at]} is followed by a jump of more than {JUMP:g} "
             f"m (next row: frame {frame[at + 1]}); {int(jumps.sum())} such places"
         )
-    return _Tracks(table, np.concatenate([[0], np.flatnonzero(~same) + 1, [len(table)]]))
+    bounds = [0, *(np.flatnonzero(~same) + 1).tolist(), len(table)]
+    return table, [slice(*pair) for pair in pairwise(bounds)]
 
 
-def _hints(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray:
+def _hints(table: pd.DataFrame, waiting: list[slice], state: FloatArray) -> FloatArray:
     """Returns directions (k,) [rad] for the vehicles `waiting`: as published, or those of vehicles around them, or 0.
 
     Args:
-        tracks, waiting: all tracks, and indices of the vehicles.
+        table, waiting: all tracks, and the rows of these vehicles in it.
         state: (n, 5) as of :func:`_fitted`; valid for all but the waiting vehicles.
     """
-    table = tracks.table
     if "yaw" in table:
         yaw = table["yaw"].to_numpy(np.float64)
-        pieces = (yaw[tracks.rows(vehicle)] for vehicle in waiting)
-        return np.array([np.arctan2(np.sin(piece).sum(), np.cos(piece).sum()) for piece in pieces])
-    hints = _directions_around(tracks, waiting, state)
+        return np.array([np.arctan2(np.sin(yaw[rows]).sum(), np.cos(yaw[rows]).sum()) for rows in waiting])
+    hints = _directions_around(table, waiting, state)
     positions = table[["x", "y"]].to_numpy(np.float64)
-    for k, vehicle in enumerate(waiting):  # a clear displacement in another direction overrides the hint
-        own = positions[tracks.rows(vehicle)]
+    for k, rows in enumerate(waiting):  # a clear displacement in another direction overrides the hint
+        own = positions[rows]
         way = own[-3:].mean(axis=0) - own[:3].mean(axis=0)
         moved = float(np.linalg.norm(way))
         if moved > MOVED and way @ [np.cos(hints[k]), np.sin(hints[k])] < 0.5 * moved:
@@ -169,12 +157,11 @@ def _hints(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray
     return hints
 
 
-def _directions_around(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray:
+def _directions_around(table: pd.DataFrame, waiting: list[slice], state: FloatArray) -> FloatArray:
     """Returns directions (k,) [rad] of the nearest vehicles not `waiting`, those of its lane first; 0 without any."""
-    table = tracks.table
     known = np.ones(len(table), np.bool_)
-    for vehicle in waiting:
-        known[tracks.rows(vehicle)] = False
+    for rows in waiting:
+        known[rows] = False
     known[known] = np.arange(int(known.sum())) % 5 == 0  # twice a second is plenty
     hints = np.zeros(len(waiting))
     if not waiting or not known.any():
@@ -182,8 +169,7 @@ def _directions_around(tracks: _Tracks, waiting: list[int], state: FloatArray) -
     lane, directions = table["lane"].to_numpy(), state[known, 2]
     lanes = lane[known]
     tree = KDTree(state[known, :2])
-    for k, vehicle in enumerate(waiting):
-        rows = tracks.rows(vehicle)
+    for k, rows in enumerate(waiting):
         place = table[["x", "y"]].iloc[rows].median().to_numpy()
         distance, at = tree.query(place, k=NEIGHBOURS, distance_upper_bound=NEIGHBOUR)
         at = at[np.isfinite(distance)]

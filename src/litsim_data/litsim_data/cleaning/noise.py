@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from litsim_data.cleaning.report import overlaps
-from litsim_sim.core.scene import BoolArray
+from litsim_data.cleaning.report import overlaps, share
 
 HARSH = 5.0  # [m/s2] magnitude that accelerations of vehicles hardly ever exceed
 HARSH_SHARE = 0.05  # share of harsh accelerations from which motion is noisy. Untuned
@@ -37,8 +36,8 @@ class Noise:
         within = vehicle[2:] == vehicle[:-2]
         bend = np.linalg.norm(place[2:] - 2.0 * place[1:-1] + place[:-2], axis=1)[within]
         return cls(
-            harsh=_share(np.abs(table["acceleration"].to_numpy(np.float64)) > HARSH),
-            aside=_share(0.5 * bend > ASIDE),
+            harsh=share(table["acceleration"].to_numpy(np.float64), HARSH),
+            aside=share(0.5 * bend, ASIDE),
             overlaps=len(overlaps(table)),
         )
 
@@ -54,8 +53,3 @@ class Noise:
             f"{ASIDE:g} m off their course {self.aside:.1%} -> {cleaned.aside:.1%}, pairs of boxes that overlap "
             f"{self.overlaps} -> {cleaned.overlaps}; moved by {moved:.2f} m (median); --raw keeps the motion"
         )
-
-
-def _share(mask: BoolArray) -> float:
-    """Returns the share of True in `mask` (n,); 0 of none."""
-    return float(mask.mean()) if len(mask) else 0.0

@@ -63,9 +63,9 @@ def measure(raw: pd.DataFrame, cleaned: pd.DataFrame) -> CleaningReport:
     return CleaningReport(
         rows=len(raw),
         vehicles=len(np.unique(vehicle)),
-        published=_hard(raw["acceleration"].to_numpy(np.float64)) if "acceleration" in raw else None,
-        raw=_hard((np.diff(speeds) / STEP_S)[vehicle[2:] == vehicle[:-2]]),
-        cleaned=_hard(cleaned["acceleration"].to_numpy()),
+        published=share(raw["acceleration"].to_numpy(np.float64), HARD_ACCELERATION) if "acceleration" in raw else None,
+        raw=share((np.diff(speeds) / STEP_S)[vehicle[2:] == vehicle[:-2]], HARD_ACCELERATION),
+        cleaned=share(cleaned["acceleration"].to_numpy(), HARD_ACCELERATION),
         displacement=(float(np.median(moved)), float(np.quantile(moved, 0.95)), float(moved.max())),
         overlaps=(before, after),
     )
@@ -76,9 +76,9 @@ def _heading(yaw: FloatArray) -> FloatArray:
     return np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
 
 
-def _hard(acceleration: FloatArray) -> float:
-    """Returns the share of hard accelerations; 0 of none."""
-    return float((np.abs(acceleration) > HARD_ACCELERATION).mean()) if len(acceleration) else 0.0
+def share(values: FloatArray, limit: float) -> float:
+    """Returns the share of `values` (n,) of a magnitude above `limit`; 0 of none."""
+    return float((np.abs(values) > limit).mean()) if len(values) else 0.0
 
 
 def overlaps(table: pd.DataFrame) -> dict[tuple[int, int], int]:

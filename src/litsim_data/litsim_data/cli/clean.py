@@ -7,7 +7,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from litsim_data.cleaning.cleaning import CleaningConfig, clean, front_centres
+from litsim_data.cleaning.cleaning import clean, front_centres
+from litsim_data.cleaning.track_fit import CleaningConfig
 from litsim_data.generic.description import describe
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import refuse_input_as_output

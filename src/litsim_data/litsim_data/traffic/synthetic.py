@@ -14,7 +14,6 @@ import pandas as pd
 
 from litsim_data.cleaning.report import overlaps
 from litsim_data.traffic.motion import smooth_motion
-from litsim_data.traffic.sites import US101_LIKE
 from litsim_data.traffic.traffic import Observation, Site, observe
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
@@ -24,8 +23,7 @@ from litsim_sim.lane_map.net_lanes import lanes_from_left
 from litsim_sim.lane_map.signal_links import read_links
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 
-DEFAULT_SEED = 17  # that of the packaged us101_like.parquet, on which predictors are trained
-DEFAULT_SECONDS = 28.1  # [s] 281 frames: steps 0 to 280
+SEGMENT_S = 28.1  # [s] 281 frames: steps 0 to 280
 MARGIN_S = 8.0  # [s] observed before and after, so that filters have run in: they are metres long, and some creep
 SEGMENTS_PER_RECORDING = 10  # so that 70, 10 and 20 % of one are whole segments
 REPAIRS = 10  # most rounds in which contacts are removed from a recording
@@ -36,7 +34,7 @@ DECIMALS = {"x": 6, "y": 6, "yaw": 5, "speed": 5, "acceleration": 3}
 """Decimals written: coarser positions would give steps longer than the speeds allow, finer ones large files."""
 
 
-def synthesize(seed: int = DEFAULT_SEED, seconds: float = DEFAULT_SECONDS, site: Site = US101_LIKE) -> Recording:
+def synthesize(seed: int, seconds: float, site: Site) -> Recording:
     """Generates a recording of `seconds` on `site`, by `seed`; equal arguments give equal recordings.
 
     Raises:
@@ -58,7 +56,7 @@ def synthesize_segments(site: Site, segments: int, seed: int) -> Iterator[Record
     count = -(-segments // SEGMENTS_PER_RECORDING)
     longest = -(-segments // count)
     seeds = [seed + 1000 * number for number in range(count)]  # so that neighbouring seeds share no recording
-    return _synthesize_all(site, seeds, longest * DEFAULT_SECONDS, attempts=ATTEMPTS)
+    return _synthesize_all(site, seeds, longest * SEGMENT_S, attempts=ATTEMPTS)
 
 
 def _synthesize_all(site: Site, seeds: list[int], seconds: float, attempts: int) -> Iterator[Recording]:
