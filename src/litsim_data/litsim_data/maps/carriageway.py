@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 from scipy.sparse import coo_array, hstack
 
-from litsim_data.maps.lane_graph import LaneGraph, Lanelet, shift_left
+from litsim_data.maps.lane_graph import LaneGraph, Lanelet, extended
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import shift_left
 from litsim_sim.core.scene import FloatArray, IntArray
 
 LANE_WIDTH = 3.66  # [m] of a road with one lane: 12 ft
@@ -23,7 +24,7 @@ SMOOTHNESS = 1e7  # weight of squared third differences on GRID: bends shorter t
 HUBER = 0.3  # [m] residuals beyond count linearly
 ITERATIONS = 15
 CELL = 10.0  # [m] every lane and cell along the road weighs the same, however many vehicles queued there
-END_TANGENT = 3  # vertices over which the direction of the margin is taken
+END_TANGENT = 3  # segments over which the direction of the margin is taken
 ROWS_MIN = 100  # of a lane
 LANE_SHARE_MIN = 0.02  # of the rows of the busiest lane: lanes with fewer are ramps or mistakes
 TURN_MAX = np.deg2rad(60.0)  # a carriageway that turns further cannot be described along one axis
@@ -59,7 +60,7 @@ def fit_carriageway(table: pd.DataFrame) -> LaneGraph:
     x, y = (through[["x", "y"]].to_numpy(np.float64) @ turn).T
     line, offsets = _fit_lanes(x, y, through["lane"].to_numpy(np.int64))
     edges = np.cumsum([-0.5 * _widths(offsets)[0], *_widths(offsets)])  # to the right of the line
-    bounds = [shift_left(_extended(line[::2]), -edge) @ turn.T for edge in edges]
+    bounds = [shift_left(extended(line[::2], MARGIN, END_TANGENT), -edge) @ turn.T for edge in edges]
     names = [None, *(f"lane_{number}" for number in range(1, lanes + 1)), None]
     return LaneGraph(
         tuple(
@@ -118,10 +119,3 @@ def _widths(offsets: FloatArray) -> FloatArray:
     halves = 0.5 * (np.eye(len(offsets))[:-1] + np.eye(len(offsets))[1:])
     # Of all widths that give these distances, least squares takes those nearest to the mean.
     return mean + np.asarray(np.linalg.lstsq(halves, apart - mean)[0], np.float64)
-
-
-def _extended(line: FloatArray) -> FloatArray:
-    """Returns `line` (k, 2), lengthened straight at both ends."""
-    back = min(END_TANGENT, len(line) - 1)
-    head, tail = line[0] - line[back], line[-1] - line[-1 - back]
-    return np.vstack([line[0] + MARGIN * head / np.hypot(*head), line, line[-1] + MARGIN * tail / np.hypot(*tail)])

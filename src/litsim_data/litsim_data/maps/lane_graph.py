@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.geometry import arc_lengths, to_body, wrap_angle
+from litsim_sim.core.geometry import arc_lengths, shift_left, to_body, wrap_angle
 from litsim_sim.core.scene import FloatArray
 
 SPEED_LIMIT = 13.89  # [m/s] 50 km/h, where the map gives none
@@ -195,15 +195,12 @@ def at_shares(line: FloatArray, share: FloatArray) -> FloatArray:
     return _interpolated(line, _distances(line), share * _length(line))
 
 
-def shift_left(line: FloatArray, distance: FloatArray | float) -> FloatArray:
-    """Returns the vertices of `line` (k, 2) moved to its left by `distance`, one for all or (k,) [m].
-
-    At a bend a vertex is moved so far that both of its segments are at this distance.
-    """
-    step = np.diff(line, axis=0)
-    across = np.column_stack([-step[:, 1], step[:, 0]]) / np.maximum(np.hypot(*step.T), 1e-9)[:, None]
-    mean = np.concatenate([across[:1], 0.5 * (across[:-1] + across[1:]), across[-1:]])
-    return line + np.reshape(distance, (-1, 1)) * mean / np.maximum((mean**2).sum(axis=1), 0.5)[:, None]
+def extended(line: FloatArray, reach: float, segments: int = 1) -> FloatArray:
+    """Returns `line` (k, 2), lengthened at both ends by `reach` [m], straight on as its outermost `segments` lead."""
+    back = min(segments, len(line) - 1)
+    head, tail = line[0] - line[back], line[-1] - line[-1 - back]
+    before, after = (end + reach * way / np.hypot(*way) for end, way in ((line[0], head), (line[-1], tail)))
+    return np.vstack([before, line, after])
 
 
 def polyline(points: Sequence[Sequence[float]], what: str) -> FloatArray:

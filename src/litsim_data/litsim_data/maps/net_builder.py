@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from scipy.cluster.hierarchy import DisjointSet
 
-from litsim_data.maps.lane_graph import TURNS, LaneGraph, Lanelet, at_shares, turn, without_repeats
+from litsim_data.maps.lane_graph import TURNS, LaneGraph, Lanelet, at_shares, extended, turn, without_repeats
 from litsim_data.maps.netconvert import DECIMALS, build_net, shape_text
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
@@ -187,7 +187,7 @@ def write_graph(graph: LaneGraph, path: Path) -> BuiltNet:
     plan = _Plan(graph)
     plain, outlines, lanes = _plain_xml(plan)
     options = ("--lefthand", "true") if graph.keeps_left else ()
-    warnings = build_net(plain, path, options, outlines=outlines)
+    warnings = build_net(plain, path, options, outlines)
     connections = tuple(replace(link, name=f"{lanes[link.start]}{ARROW}{lanes[link.end]}") for link in plan.links)
     return BuiltNet((*graph.notes, *(f"netconvert: {warning}" for warning in warnings)), connections)
 
@@ -252,20 +252,13 @@ def _clear_place(corners: FloatArray, lines: list[FloatArray]) -> FloatArray:
     netconvert cuts or lengthens lanes to where they meet the outline of their junction. Ours are already as long as
     they should be, so it is given an outline that they do not meet.
     """
-    extended = shapely.union_all([shapely.LineString(_extended(line)) for line in lines])
+    ways = shapely.union_all([shapely.LineString(extended(line, EXTENSION)) for line in lines])
     middle = corners.mean(axis=0)
     spread = np.linspace(-1.0, 1.0, 9)
     raster = np.stack(np.meshgrid(middle[0] + spread, middle[1] + spread), axis=-1).reshape(-1, 2)
     candidates = np.concatenate([corners, raster])
-    x, y = candidates[int(np.argmax(shapely.distance(shapely.points(candidates), extended)))]
+    x, y = candidates[int(np.argmax(shapely.distance(shapely.points(candidates), ways)))]
     return np.array([[x, y], [x + AREA_GAP, y], [x, y + AREA_GAP]])
-
-
-def _extended(line: FloatArray) -> FloatArray:
-    """Returns `line` (k, 2), straight on at both ends for as far as netconvert looks."""
-    head, tail = line[0] - line[1], line[-1] - line[-2]
-    before, after = (end + EXTENSION * way / np.hypot(*way) for end, way in ((line[0], head), (line[-1], tail)))
-    return np.vstack([before, line, after])
 
 
 SHARES: FloatArray = np.linspace(0.0, 1.0, 24)

@@ -62,7 +62,7 @@ def find_netconvert() -> Path:
 
 
 def build_net(
-    plain: Mapping[str, ET.Element], path: Path, options: Sequence[str] = (), outlines: Mapping[str, str] | None = None
+    plain: Mapping[str, ET.Element], path: Path, options: Sequence[str], outlines: Mapping[str, str]
 ) -> list[str]:
     """Assembles `plain` to the net at `path`, in the frame of its coordinates.
 
@@ -83,7 +83,7 @@ def build_net(
         for kind, tree in plain.items():
             ET.ElementTree(tree).write(folder / f"{kind}.xml", encoding="UTF-8", xml_declaration=True)
             files += [f"--{kind}-files", f"{kind}.xml"]
-        return _convert([*files, *options], path, folder, outlines or {}, f"the plan of {path.name}")
+        return _convert([*files, *options], path, folder, outlines, f"the plan of {path.name}")
 
 
 def import_opendrive(source: Path, path: Path, left_hand: bool | None = None) -> list[str]:

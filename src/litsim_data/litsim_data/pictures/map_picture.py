@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from litsim_data.maps.check import NetCheck
+from litsim_data.maps.lane_graph import around
 from litsim_data.maps.placement import Miss
 from litsim_data.pictures.plan_view import frame_stretched, plain
 from litsim_sim.core.colours import INK
@@ -24,7 +25,6 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.lane_map.net_lanes import Lane
 
 DPI = 110
 WIDTH, LEGEND = 14.0, 0.9  # [inch] width of the picture, and height of the legend
@@ -84,15 +84,6 @@ def _panels(ratio: float, details: int) -> tuple[Figure, Axes, list[Axes]]:
     return figure, figure.add_subplot(grid[0, :]), [figure.add_subplot(grid[1, column]) for column in range(details)]
 
 
-def lane_outline(lane: Lane) -> FloatArray:
-    """Returns corners (m, 2) of the area of a lane, along its right side and back along its left [m]."""
-    step = np.diff(lane.centerline, axis=0)
-    direction = np.vstack([step[:1], step[:-1] + step[1:], step[-1:]])
-    direction /= np.maximum(np.hypot(*direction.T), 1e-9)[:, None]
-    left = 0.5 * lane.width * np.column_stack([-direction[:, 1], direction[:, 0]])
-    return np.vstack([lane.centerline - left, (lane.centerline + left)[::-1]])
-
-
 def _extent(lane_map: LaneMap, tables: list[pd.DataFrame]) -> tuple[FloatArray, FloatArray]:
     """Returns corners (2,) of the extent drawn: the tracks with a margin; without tracks the net."""
     if not tables:
@@ -118,7 +109,8 @@ def _places(misses: list[Miss]) -> list[Miss]:
 def _scene(axes: Axes, lane_map: LaneMap, tables: list[pd.DataFrame], check: NetCheck) -> None:
     """Draws lanes, tracks, misses and marks."""
     for internal, colour in ((True, INSIDE), (False, LANE)):
-        areas = [lane_outline(lane) for lane in lane_map.lanes if lane.is_internal == internal]
+        sides = [around(lane.centerline, lane.width) for lane in lane_map.lanes if lane.is_internal == internal]
+        areas = [np.vstack([right, left[::-1]]) for left, right in sides]
         axes.add_collection(
             PolyCollection(areas, facecolors=colour, edgecolors=EDGE, linewidths=0.4, zorder=1 - internal)
         )

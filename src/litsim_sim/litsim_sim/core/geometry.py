@@ -104,6 +104,17 @@ def arc_lengths(points: FloatArray) -> FloatArray:
     return travelled
 
 
+def shift_left(line: FloatArray, distance: FloatArray | float) -> FloatArray:
+    """Returns the vertices of `line` (k, 2) moved to its left by `distance`, one for all or (k,) [m].
+
+    At a bend a vertex is moved so far that both of its segments are at this distance, at most by 1.5 times as much.
+    """
+    step = line[1:] - line[:-1]
+    across = np.column_stack([-step[:, 1], step[:, 0]]) / np.maximum(np.hypot(*step.T), 1e-9)[:, None]
+    mean = np.concatenate([across[:1], 0.5 * (across[:-1] + across[1:]), across[-1:]])
+    return line + np.reshape(distance, (-1, 1)) * (mean / np.maximum((mean**2).sum(axis=1), 0.5)[:, None])
+
+
 def smooth_step(u: FloatArray | float) -> FloatArray:
     """Returns the quintic from 0 to 1 over `u` in [0, 1] whose first two derivatives vanish at both ends."""
     return np.asarray(u**3 * (10 - 15 * u + 6 * u**2))

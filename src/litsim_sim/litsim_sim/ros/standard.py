@@ -13,10 +13,10 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from litsim_sim.core.colours import LIGHTS
-from litsim_sim.core.scene import AgentTable, FloatArray
+from litsim_sim.core.geometry import shift_left
+from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.signals import SignalState
 from litsim_sim.lane_map.lane_map import LaneMap
-from litsim_sim.lane_map.net_lanes import Lane
 from litsim_sim.lane_map.signal_links import stop_line_parts
 from litsim_sim.record.clouds import fields_of, object_points
 from litsim_sim.ros.messages import header
@@ -128,10 +128,9 @@ def lanes(lane_map: LaneMap) -> MarkerArray:
     """
     markers = []
     for row, lane in enumerate(lane_map.lanes):
-        normal = _left(lane)
         lines = [("centre", row, lane.centerline, _CENTRE)]
         for side in (0, 1):
-            border = lane.centerline + (0.5 - side) * lane.width * normal
+            border = shift_left(lane.centerline, (0.5 - side) * lane.width)
             lines.append(("boundary", 2 * row + side, border, _BOUNDARY))
         for namespace, number, points, color in lines:
             marker = Marker(header=header(0), ns=namespace, id=number, type=Marker.LINE_STRIP, pose=Pose(), color=color)
@@ -139,11 +138,3 @@ def lanes(lane_map: LaneMap) -> MarkerArray:
             marker.points = [Point(x=x, y=y) for x, y in points.tolist()]
             markers.append(marker)
     return MarkerArray(markers=markers)
-
-
-def _left(lane: Lane) -> FloatArray:
-    """(k, 2) to the left of a lane's vertices, as long as keeps a parallel line at distance 1 (at most 1.5)."""
-    step = np.diff(lane.centerline, axis=0)
-    across = np.stack([-step[:, 1], step[:, 0]], axis=1) / np.hypot(step[:, 0], step[:, 1])[:, None]
-    mean = np.concatenate([across[:1], 0.5 * (across[:-1] + across[1:]), across[-1:]])
-    return np.asarray(mean / np.maximum((mean**2).sum(axis=1), 0.5)[:, None], np.float64)
