@@ -17,7 +17,7 @@ from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.core.installation import command
 from litsim_sim.io.files import refuse_input_as_output, require_new_folder, write_text
 from litsim_sim.io.yaml_input import read_yaml
-from litsim_sim.scenario.recorded_net import net_named
+from litsim_sim.scenario.recorded_net import NET_ENDINGS, net_named
 
 if TYPE_CHECKING:
     from litsim_data.sources.importing import Imported, Options
@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     files = _mapped(arguments) or [known for path in arguments.sources for known in files_of(path)]
     if arguments.out.suffix != ".parquet":
         return _import_all(arguments, files, options)
-    if lanes is not None and not lanes.name.endswith((".net.xml", ".net.xml.gz")):
+    if lanes is not None and not lanes.name.endswith(NET_ENDINGS):
         raise InputError(f"{lanes}: a recording alone is cut to a net: OUT is a folder where the net is built of a map")
     scenes = ((scene, source) for file, source in files for scene in source.scenes(file, lanes, crop))
     (scene, source), other = next(scenes), next(scenes, None)

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
 from datetime import UTC, datetime
-from itertools import count
+from itertools import count, groupby
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -115,12 +115,10 @@ def _add_refs(parent: ET.Element, **refs: Iterable[int]) -> None:
 
 def _add_cycle(light: ET.Element, colours: list[str]) -> None:
     """Adds the colours of all steps as one cycle, which begins anew only after them."""
-    cycle, first = add(light, "cycle"), 0
-    for step in range(1, len(colours) + 1):
-        if step == len(colours) or colours[step] != colours[first]:
-            element = add(cycle, "cycleElement")
-            add(element, "duration", step - first), add(element, "color", colours[first])
-            first = step
+    cycle = add(light, "cycle")
+    for colour, steps in groupby(colours):
+        element = add(cycle, "cycleElement")
+        add(element, "duration", len([*steps])), add(element, "color", colour)
 
 
 def _add_intersections(root: ET.Element, lanes: tuple[Lane, ...], number: dict[str, int], ids: count[int]) -> None:
@@ -129,7 +127,7 @@ def _add_intersections(root: ET.Element, lanes: tuple[Lane, ...], number: dict[s
     by_junction: dict[str, dict[str, list[Lane]]] = defaultdict(lambda: defaultdict(list))
     for lane in lanes:
         if not lane.is_internal and (first := next((name for name in lane.successors if name in inside), None)):
-            by_junction[inside[first].edge_id.rpartition("_")[0]][lane.edge_id].append(lane)
+            by_junction[inside[first].junction][lane.edge_id].append(lane)
     for edges in by_junction.values():
         intersection = add(root, "intersection", id=next(ids))
         for members in edges.values():

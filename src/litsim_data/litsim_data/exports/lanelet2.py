@@ -7,7 +7,6 @@ Each connection that a traffic light controls has a light of its own.
 
 from __future__ import annotations
 
-import importlib
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -18,8 +17,9 @@ from scipy.cluster.hierarchy import DisjointSet
 
 from litsim_data.exports.export import Content, Export
 from litsim_data.maps.lane_graph import around, turn_of
+from litsim_data.maps.lanelet2_osm import modules
 from litsim_data.maps.map_projector import PROJECTOR_FILE
-from litsim_sim.core.errors import InputError, not_installed
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
 from litsim_sim.lane_map.lane_map import LaneMap
@@ -29,7 +29,6 @@ from litsim_sim.lane_map.signal_links import SignalLink, read_links, relation_id
 ORIGIN = (49.0, 8.4)
 """Latitude and longitude [deg] of (0, 0) in the file, with which `data map --lanelet2` reads it back. Autoware does not
 read it: its coordinates are those of the net, from the tags local_x and local_y."""
-PARTS = ("core", "io", "projection")
 TURN = np.radians(20.0)  # change of heading from which on a lane inside a junction is a turn
 LEFT, RIGHT = 0, 1
 LIGHT_HEIGHT, LIGHT_WIDTH = 5.0, 1.0  # [m] above the road, and across it
@@ -45,10 +44,7 @@ class Lanelet2(Export):
 
     def write(self, content: Content, out: Path) -> list[str]:
         """See :class:`.export.Export`."""
-        try:
-            core, io, projection = (importlib.import_module(f"lanelet2.{part}") for part in PARTS)
-        except ImportError as error:
-            raise not_installed("lanelet2") from error
+        core, io, projection = modules("core", "io", "projection")
         lanelet_map = core.LaneletMap()
         for lanelet in _Lanelets(content.lanes(), read_links(content.net_file()), core).all():
             lanelet_map.add(lanelet)
@@ -107,7 +103,7 @@ class _Lanelets:
             "speed_limit": f"{3.6 * lane.speed_limit:.6g}",
             "litsim_lane": lane.id,
         }
-        if _junction(lane) in self._crossings:
+        if lane.junction in self._crossings:
             attributes["turn_direction"] = turn_of(lane.centerline, TURN)
         for name, value in attributes.items():
             lanelet.attributes[name] = value
@@ -170,20 +166,14 @@ def _across(middle: FloatArray, heading: float, width: float) -> FloatArray:
     return np.stack([middle + left, middle - left])
 
 
-def _junction(lane: Lane) -> str:
-    """Name of the junction that a lane is inside of, by SUMO's names of edges such as ``:J_3``; else empty."""
-    return lane.edge_id[1:].rpartition("_")[0] if lane.is_internal else ""
-
-
 def _crossings(lanes: Iterable[Lane]) -> set[str]:
     """Junctions with several ways in and several out: intersections, and not where a road merges or goes on."""
-    edges = {lane.id: lane.edge_id for lane in lanes}
+    by_id = {lane.id: lane for lane in lanes}
     ways: dict[str, tuple[set[str], set[str]]] = defaultdict(lambda: (set(), set()))
     for lane in lanes:
-        for name in lane.successors:
-            here, there = _junction(lane), edges[name]
-            if not here and there.startswith(":"):
-                ways[there[1:].rpartition("_")[0]][0].add(lane.edge_id)
-            elif here and not there.startswith(":"):
-                ways[here][1].add(there)
+        for after in map(by_id.__getitem__, lane.successors):
+            if after.junction and not lane.junction:
+                ways[after.junction][0].add(lane.edge_id)
+            elif lane.junction and not after.junction:
+                ways[lane.junction][1].add(after.edge_id)
     return {name for name, (come, go) in ways.items() if len(come) > 1 and len(go) > 1}

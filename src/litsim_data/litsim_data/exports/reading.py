@@ -12,10 +12,8 @@ from litsim_data.exports.table import trajectories
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.run import NET_FILE, Run, read_run
 from litsim_sim.scenario.load import load_recording
-from litsim_sim.scenario.recorded_net import net_named, net_of
+from litsim_sim.scenario.recorded_net import NET_ENDINGS, net_named, net_of
 from litsim_sim.scenario.scenario import Scenario, packaged_nets, packaged_scenarios
-
-NET_ENDINGS = (".net.xml", ".net.xml.gz")
 
 
 @contextmanager

@@ -34,13 +34,11 @@ def tell_levels(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None
     every = max(1, len(np.unique(instant)) // INSTANTS)
     measured = np.isfinite(heights) & (instant % every == 0)
     rows = table[measured].assign(height=heights[measured], instant=instant[measured])
-    pairs = set()
-    for _, now in rows.groupby("instant", sort=True):
-        first, other = KDTree(now[["x", "y"]]).query_pairs(NEAR, output_type="ndarray").T
-        height, vehicle = now["height"].to_numpy(), now["vehicle_id"].to_numpy()
-        apart = np.abs(height[first] - height[other]) > LEVEL
-        pairs |= {*zip(vehicle[first[apart]].tolist(), vehicle[other[apart]].tolist(), strict=True)}
-    if pairs:
+    height, vehicle = rows["height"].to_numpy(), rows["vehicle_id"].to_numpy()
+    places = np.column_stack([rows[["x", "y"]], 2.0 * NEAR * rows["instant"]])  # those of another instant are not near
+    first, other = KDTree(places).query_pairs(NEAR, output_type="ndarray").T
+    apart = np.abs(height[first] - height[other]) > LEVEL
+    if pairs := {*zip(vehicle[first[apart]].tolist(), vehicle[other[apart]].tolist(), strict=True)}:
         low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
         counts.tell(
             "levels",

@@ -28,6 +28,8 @@ RULES = ("all_way_stop", "right_of_way", "speed_limit", "traffic_light", "traffi
 """Subtypes of regulatory elements that the package knows."""
 LOCAL = ("local_x", "local_y")
 """Tags of nodes with coordinates in metres, which Autoware reads instead of latitude and longitude."""
+PARTS = ("core", "io", "projection", "routing", "traffic_rules")
+"""Modules of the package that are used."""
 ANYWHERE = (49.0, 8.4)
 """Latitude and longitude [deg] that stand for (0, 0) of coordinates in metres within the package."""
 
@@ -57,7 +59,7 @@ def read_graph(source: Path, origin: tuple[float, float] | None) -> LaneGraph:
     latitude, longitude = ANYWHERE if metres is not None or origin is None else origin
     if not (-90.0 <= latitude <= 90.0 and -180.0 <= longitude <= 180.0):
         raise InputError(f"--origin {latitude} {longitude}: expected degrees of latitude and longitude")
-    io, projection, routing, traffic_rules, core = _modules()
+    core, io, projection, routing, traffic_rules = modules(*PARTS)
     projector = projection.UtmProjector(io.Origin(latitude, longitude))
     for node, (x, y) in zip(nodes, metres or (), strict=metres is not None):  # where the package finds x and y again
         try:
@@ -174,13 +176,12 @@ def _why(error: str, origin: tuple[float, float] | None) -> str:
     return f"{text}; is --origin {origin[0]:g} {origin[1]:g}, latitude and longitude, near the map?"
 
 
-def _modules() -> tuple[Any, Any, Any, Any, Any]:
-    names = ("core", "io", "projection", "routing", "traffic_rules")
+def modules(*names: str) -> list[Any]:
+    """Returns modules of the lanelet2 package; raises an InputError if it is not installed."""
     try:
-        core, io, projection, routing, traffic_rules = (importlib.import_module(f"lanelet2.{name}") for name in names)
+        return [importlib.import_module(f"lanelet2.{name}") for name in names]
     except ImportError as error:
         raise not_installed("lanelet2") from error
-    return io, projection, routing, traffic_rules, core
 
 
 def _name(raw: Any) -> str:

@@ -80,7 +80,7 @@ def passages(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> list[Passage]:
             inside = tracks.lane[row, leaves:enters]
             if lanes[before].edge_id == lanes[after].edge_id or not len(inside) or (inside == NOWHERE).any():
                 continue
-            junction = lanes[int(inside[0])].edge_id.removeprefix(":").rpartition("_")[0]
+            junction = lanes[int(inside[0])].junction
             first, last = max(leaves - MARGIN, int(log.first_step[row])), min(enters + MARGIN, int(log.last_step[row]))
             yaw = np.unwrap(log.yaw[row, first : last + 1])
             turned = float(yaw[-1] - yaw[0])

@@ -39,13 +39,12 @@ from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.checks import DRIVING
 from litsim_sim.scenario.cropping import Crop
 from litsim_sim.scenario.load import OTHER_TABLES
-from litsim_sim.scenario.recorded_net import net_of
+from litsim_sim.scenario.recorded_net import NET_ENDINGS, net_of
 from litsim_sim.scenario.recorded_signals import survey
 from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.signals import SignalsFile, on_clock, resolved
 
 SHORT_S = 28.1  # [s] recordings that are shorter become one scenario each
-NET_ENDINGS = (".net.xml", ".net.xml.gz", ".xodr")
 NOTES = 8  # most lines on a map that are shown
 HISTORY_SHARE, EGO_SHARE = 0.25, 0.6  # of a shorter recording; of the time after its history, that an ego is there
 
@@ -169,17 +168,12 @@ def import_all(
                     if most is not None and count >= most:
                         return
                     count += 1
-                    yield _imported(_named_apart(scene, names), source, out, nets, options)
+                    try:
+                        yield _import_scene(_named_apart(scene, names), source, out, nets, options)
+                    except InputError as error:
+                        yield reason(error)
             except InputError as error:
                 yield reason(error)
-
-
-def _imported(scene: Scene, source: Source, out: Path, nets: dict[str, Net | None], options: Options) -> Imported | str:
-    """Returns a scene, imported, or a line on why it could not be used."""
-    try:
-        return _import_scene(scene, source, out, nets, options)
-    except InputError as error:
-        return reason(error)
 
 
 def import_alone(scene: Scene, source: Source, out: Path, options: Options) -> list[str]:
@@ -264,7 +258,7 @@ def _net(scene: Scene, name: str, out: Path, named: Path | None) -> Net | None:
     """Writes the net of a scene; None where there is no map."""
     path = out / f"{name}.net.xml"
     lanes: LaneGraph | Path
-    if named is not None and (named.name.endswith(NET_ENDINGS) or scene.lanes is None):
+    if named is not None and (named.name.endswith((*NET_ENDINGS, ".xodr")) or scene.lanes is None):
         lanes = named
     elif scene.lanes is not None:
         lanes = scene.lanes()
@@ -321,11 +315,10 @@ def _with_signals(scene: Scene, recording: Recording, net: Net) -> tuple[Recordi
     zero = float(str(recording.header.notes.get(CLOCK, 0.0)))
     content = on_clock(SignalsFile.model_validate({"groups": groups, "changes": list(scene.signals)}), zero)
     try:
-        lines = survey(content, net.path, recording, str(scene.tracks))
+        recording, lines = _carrying(content, recording, net.path, str(scene.tracks))
     except InputError as error:
         return recording, 0, [f"signals    left out: {reason(error)}"]
-    header = replace(recording.header, signals=content.model_dump(mode="json", exclude_none=True))
-    return Recording(header, recording.columns), count, lines
+    return recording, count, lines
 
 
 def _with_signals_file(scene: Scene, recording: Recording, path: Path) -> tuple[Recording, list[str]]:
@@ -344,8 +337,16 @@ def _with_signals_file(scene: Scene, recording: Recording, path: Path) -> tuple[
     zero = 0.0 if by_frame else float(str(recording.header.notes.get(CLOCK, 0.0)))
     slower = recording.header.rate_hz / mapping.rate_hz if by_frame and mapping.columns.frame is not None else 1.0
     content = on_clock(resolved(signals, file.parent, str(file)), zero, slower)
-    net = net_of(recording.header, path)
-    lines = survey(content, net, recording, str(file))
+    return _carrying(content, recording, net_of(recording.header, path), str(file))
+
+
+def _carrying(content: SignalsFile, recording: Recording, net: Path, where: str) -> tuple[Recording, list[str]]:
+    """Returns the recording with signals of its net in the header, and lines on how vehicles heed them.
+
+    Raises:
+        InputError: the signals do not fit the net or the recording; `where` names them.
+    """
+    lines = survey(content, net, recording, where)
     header = replace(recording.header, net=net.name, signals=content.model_dump(mode="json", exclude_none=True))
     return Recording(header, recording.columns), lines
 
@@ -363,7 +364,7 @@ def _check(recording: Recording, net: Net, picture: Path) -> tuple[NetCheck, Pat
     return check, picture
 
 
-def cut(imported: list[Imported], out: Path, seed: int = 0) -> segments.Manifest:
+def cut(imported: list[Imported], out: Path) -> segments.Manifest:
     """Cuts the recordings into scenarios, which are written into the folder `out`; returns their manifest.
 
     Recordings of SHORT_S and less become one scenario each, with as much history as the shortest of them allows.
@@ -373,7 +374,7 @@ def cut(imported: list[Imported], out: Path, seed: int = 0) -> segments.Manifest
     """
     frames = [one.recording.columns["frame"] for one in imported]
     shortest = min(int(frame.max() - frame.min()) for frame in frames) * STEP_S
-    values: dict[str, Any] = {"seed": seed, "split": (1.0, 0.0, 0.0)}
+    values: dict[str, Any] = {"split": (1.0, 0.0, 0.0)}
     if shortest < SHORT_S:
         history = max(round(HISTORY_SHARE * shortest * RATE_HZ) * STEP_S, STEP_S)
         values["history_s"] = round(min(history, 3.0), 1)

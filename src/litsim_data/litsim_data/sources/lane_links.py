@@ -9,7 +9,6 @@ import numpy as np
 
 from litsim_data.maps.lane_graph import Lanelet
 from litsim_sim.core.geometry import to_body, wrap_angle
-from litsim_sim.core.scene import FloatArray
 
 APART = 1.0  # [m] between the end of a lane and the beginning of the next one
 TURN = np.deg2rad(30.0)  # between their directions there
@@ -28,8 +27,9 @@ def linked(lanelets: Sequence[Lanelet], *, ends: bool) -> list[Lanelet]:
     for row, lanelet in enumerate(lanelets):
         after = np.hypot(*(begins - stops[row]).T) < APART
         after &= np.abs(wrap_angle(out - into[row])) < TURN
-        ahead, left = to_body(*_parts(begins - begins[row]), out[row])
-        ahead_end, left_end = to_body(*_parts(stops - stops[row]), into[row])
+        apart, apart_end = begins - begins[row], stops - stops[row]
+        ahead, left = to_body(apart[:, 0], apart[:, 1], out[row])
+        ahead_end, left_end = to_body(apart_end[:, 0], apart_end[:, 1], into[row])
         beside = (np.abs(ahead) < OFFSET) & (np.abs(ahead_end) < OFFSET) & (np.abs(wrap_angle(out - out[row])) < TURN)
         neighbours: dict[float, str | None] = {}
         for side in (1.0, -1.0):
@@ -46,8 +46,3 @@ def linked(lanelets: Sequence[Lanelet], *, ends: bool) -> list[Lanelet]:
             )
         )
     return result
-
-
-def _parts(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns x and y (n,) of points (n, 2)."""
-    return points[:, 0], points[:, 1]

@@ -205,9 +205,9 @@ def _across(lanes: dict[int, Any], outer: dict[str, Lanelet]) -> Iterator[Lanele
 
 def _curve(start: Lanelet, end: Lanelet) -> FloatArray:
     """Returns a smooth way (POINTS, 2) [m] from the end of one lane to the beginning of another (cubic of Hermite)."""
+    from scipy.interpolate import CubicHermiteSpline  # takes a while to load, and few maps need it
+
     a, b = start.centerline[-1], end.centerline[0]
     reach = float(np.hypot(*(b - a)))
     leave, enter = (reach * np.array([np.cos(angle), np.sin(angle)]) for angle in (start.course(-1), end.course(0)))
-    s = np.linspace(0.0, 1.0, POINTS)[:, None]
-    curve = (2 * s**3 - 3 * s**2 + 1) * a + (s**3 - 2 * s**2 + s) * leave
-    return np.asarray(curve + (3 * s**2 - 2 * s**3) * b + (s**3 - s**2) * enter, np.float64)
+    return np.asarray(CubicHermiteSpline([0.0, 1.0], [a, b], [leave, enter])(np.linspace(0.0, 1.0, POINTS)))

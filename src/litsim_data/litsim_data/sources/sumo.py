@@ -16,6 +16,7 @@ from litsim_data.sources.source import Scene, Source
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.input_files import open_input, read_head
 from litsim_sim.io.table_input import TableFile
+from litsim_sim.scenario.recorded_net import NET_ENDINGS
 
 NUMBERS = ("x", "y", "angle", "speed")
 COLUMNS = ["vehicle_id", "type", "time", "x", "y", "yaw", "speed"]
@@ -75,7 +76,7 @@ def _net(path: Path, lanes: Path | None) -> Path:
     """Returns the net that is named, or the only one beside the trajectories."""
     if lanes:
         return lanes
-    files = sorted({file for pattern in ("*.net.xml", "*.net.xml.gz") for file in path.parent.glob(pattern)})
+    files = sorted({file for ending in NET_ENDINGS for file in path.parent.glob(f"*{ending}")})
     if len(files) != 1:
         held = f"holds {', '.join(file.name for file in files[:5])}" if files else "holds none"
         raise InputError(f"{path}: the SUMO net: {path.parent} {held}: name it by --map")

@@ -65,6 +65,11 @@ class Lane:
     gives_way: tuple[str, ...] = ()
 
     @property
+    def junction(self) -> str:
+        """SUMO's id of the junction that it is inside of, after which its edge is named (``:J_3``); empty outside."""
+        return self.edge_id[1:].rpartition("_")[0] if self.is_internal else ""
+
+    @property
     def headings(self) -> tuple[float, float]:
         """Headings of the centre line where it begins and where it ends [rad]."""
         along = np.diff(self.centerline, axis=0)[[0, -1]]

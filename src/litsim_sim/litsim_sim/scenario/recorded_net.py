@@ -8,6 +8,9 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.recording import RecordingHeader
 from litsim_sim.scenario.scenario import packaged, packaged_nets
 
+NET_ENDINGS = (".net.xml", ".net.xml.gz")
+"""Of files of nets."""
+
 
 def net_named(name: str, folder: Path | str = ".") -> Path:
     """Returns the packaged net of a name, else the file that the name is of, seen from `folder`."""
