@@ -337,5 +337,5 @@ class _Tracks:
         last = np.minimum(self._last, end)
         fits = (self._first <= start) & (last >= start + settings.needed_steps) & np.isin(self._kind, EGO_KINDS)
         rows = np.flatnonzero(fits)
-        at, until = self._row[rows] + start - self._first[rows], self._row[rows] + last[rows] - self._first[rows]
-        return cast(np.ndarray, self._ids[rows[self._way[until] - self._way[at] >= EGO_MOVES]])
+        begin, until = self._row[rows] + start - self._first[rows], self._row[rows] + last[rows] - self._first[rows]
+        return cast(np.ndarray, self._ids[rows[self._way[until] - self._way[begin] >= EGO_MOVES]])

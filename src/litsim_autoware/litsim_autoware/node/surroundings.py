@@ -61,7 +61,7 @@ class Surroundings:
 
     def show(self, others: AgentTable, stamp_ns: int) -> None:
         """Publish the agents but the ego, the lights, and an empty cloud, with a stamp of the stack's time [ns]."""
-        newest = next((one for one in reversed(self.forecasts) if one.step < others.step), None)  # of an earlier step
+        newest = next((past for past in reversed(self.forecasts) if past.step < others.step), None)
         self._predicted.publish(partial(objects.predicted_objects, others, stamp_ns, newest))
         self._tracked.publish(partial(objects.tracked_objects, others, stamp_ns))
         if self.signals is not None:

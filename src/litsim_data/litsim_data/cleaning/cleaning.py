@@ -127,10 +127,10 @@ def _sorted(tracks: pd.DataFrame) -> tuple[pd.DataFrame, list[slice]]:
     same = vehicle[1:] == vehicle[:-1]
     jumps = same & (np.hypot(np.diff(table["x"]), np.diff(table["y"])) > JUMP)
     if jumps.any():
-        at = int(np.argmax(jumps))
+        row = int(np.argmax(jumps))
         raise InputError(
-            f"tracks to clean: vehicle_id {vehicle[at]}: frame {frame[at]} is followed by a jump of more than {JUMP:g} "
-            f"m (next row: frame {frame[at + 1]}); {int(jumps.sum())} such places"
+            f"tracks to clean: vehicle_id {vehicle[row]}: frame {frame[row]} is followed by a jump of more than "
+            f"{JUMP:g} m (next row: frame {frame[row + 1]}); {int(jumps.sum())} such places"
         )
     bounds = [0, *(np.flatnonzero(~same) + 1).tolist(), len(table)]
     return table, [slice(*pair) for pair in pairwise(bounds)]
@@ -159,21 +159,21 @@ def _hints(table: pd.DataFrame, waiting: list[slice], state: FloatArray) -> Floa
 
 def _directions_around(table: pd.DataFrame, waiting: list[slice], state: FloatArray) -> FloatArray:
     """Returns directions (k,) [rad] of the nearest vehicles not `waiting`, those of its lane first; 0 without any."""
-    known = np.ones(len(table), np.bool_)
+    sampled = np.ones(len(table), np.bool_)
     for rows in waiting:
-        known[rows] = False
-    known[known] = np.arange(int(known.sum())) % 5 == 0  # twice a second is plenty
+        sampled[rows] = False
+    sampled[sampled] = np.arange(int(sampled.sum())) % 5 == 0  # twice a second is plenty
     hints = np.zeros(len(waiting))
-    if not waiting or not known.any():
+    if not waiting or not sampled.any():
         return hints
-    lane, directions = table["lane"].to_numpy(), state[known, 2]
-    lanes = lane[known]
-    tree = KDTree(state[known, :2])
+    lane, directions = table["lane"].to_numpy(), state[sampled, 2]
+    lanes = lane[sampled]
+    tree = KDTree(state[sampled, :2])
     for k, rows in enumerate(waiting):
         place = table[["x", "y"]].iloc[rows].median().to_numpy()
-        distance, at = tree.query(place, k=NEIGHBOURS, distance_upper_bound=NEIGHBOUR)
-        at = at[np.isfinite(distance)]
-        if len(at):
-            same = at[(lanes[at] == lane[rows.start]) & (lane[rows.start] >= 0)]
-            hints[k] = directions[(same if len(same) else at)[0]]
+        distance, neighbours = tree.query(place, k=NEIGHBOURS, distance_upper_bound=NEIGHBOUR)
+        neighbours = neighbours[np.isfinite(distance)]
+        if len(neighbours):
+            same = neighbours[(lanes[neighbours] == lane[rows.start]) & (lane[rows.start] >= 0)]
+            hints[k] = directions[(same if len(same) else neighbours)[0]]
     return hints

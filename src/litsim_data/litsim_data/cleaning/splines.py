@@ -38,13 +38,13 @@ class Knots:
         """Returns the positions (pieces + 1,) of the knots, in the unit of the parameter."""
         return self.origin + self.step * np.arange(self.pieces + 1, dtype=np.float64)
 
-    def basis(self, at: FloatArray, derivative: int = 0) -> tuple[IntArray, FloatArray]:
+    def basis(self, places: FloatArray, derivative: int = 0) -> tuple[IntArray, FloatArray]:
         """Returns the four B-splines that are not zero at `at` (n,), clipped to the range of the knots.
 
         Returns:
             Index (n,) of the first of them, and values (n, 4) of their `derivative`-th derivative (0 to 2).
         """
-        scaled = np.clip((at - self.origin) / self.step, 0.0, self.pieces)
+        scaled = np.clip((places - self.origin) / self.step, 0.0, self.pieces)
         first = np.minimum(scaled.astype(np.int64), self.pieces - 1)
         u = scaled - first
         v = 1.0 - u
@@ -56,9 +56,9 @@ class Knots:
             values = [6 * v, 18 * u - 12, 18 * v - 12, 6 * u]
         return first, np.stack(values, axis=1) / (6.0 * self.step**derivative)
 
-    def evaluate(self, coefficients: FloatArray, at: FloatArray, derivative: int = 0) -> FloatArray:
+    def evaluate(self, coefficients: FloatArray, places: FloatArray, derivative: int = 0) -> FloatArray:
         """Returns the value or derivative (n, ...) at `at` (n,) of the spline with `coefficients` (size, ...)."""
-        first, values = self.basis(at, derivative)
+        first, values = self.basis(places, derivative)
         near = coefficients[first[:, None] + np.arange(4)]
         if derivative:  # equal in theory, and exactly zero where the spline is constant
             near = near - near[:, :1]

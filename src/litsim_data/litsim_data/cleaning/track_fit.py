@@ -201,14 +201,14 @@ def fit_path(
     weight = np.clip(speed / PATH_SPEED, LEAST_WEIGHT, 1.0)
     values = points
     if headings is not None:
-        at, slope = knots.basis(places, 1)
-        first, rows = np.concatenate([first, at]), np.concatenate([rows, slope])
+        knot, slope = knots.basis(places, 1)
+        first, rows = np.concatenate([first, knot]), np.concatenate([rows, slope])
         moving = np.clip(speed / PATH_SPEED, 0.0, 1.0)  # many sources give no headings at standstill
         weight = np.concatenate([weight, moving * (NOISE / HEADING_NOISE) ** 2])
         values = np.concatenate([values, headings])
     if hint is not None:
-        at, slope = knots.basis(middles, 1)
-        first, rows = np.concatenate([first, at]), np.concatenate([rows, slope])
+        knot, slope = knots.basis(middles, 1)
+        first, rows = np.concatenate([first, knot]), np.concatenate([rows, slope])
         strength = 4.0 * NOISE**2 / (HINT_SLOPE**2 * len(middles))
         weight = np.concatenate([weight, np.full(len(middles), strength)])
         values = np.concatenate([values, np.broadcast_to(hint, (len(middles), 2))])

@@ -37,8 +37,8 @@ def run(arguments: argparse.Namespace) -> None:
     from litsim_data.exports.export import format_of
     from litsim_data.exports.reading import opened
 
-    known = format_of(arguments.out)
+    file_format = format_of(arguments.out)
     refuse_input_as_output(arguments.out, arguments.source)
     with opened(arguments.source, arguments.net) as content:
-        lines = known.write(content, arguments.out)
+        lines = file_format.write(content, arguments.out)
     print(": ".join([str(arguments.out), *lines[:1]]), *lines[1:], sep="\n")

@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     crop, net = parse_crop(arguments.crop), arguments.map
     lanes = None if net is None else net_named(net)
     options = Options(lanes, crop, arguments.raw, arguments.accept)
-    files = _mapped(arguments) or [known for path in arguments.sources for known in files_of(path)]
+    files = _mapped(arguments) or [part for path in arguments.sources for part in files_of(path)]
     if arguments.out.suffix != ".parquet":
         return _import_all(arguments, files, options)
     if lanes is not None and not lanes.name.endswith(NET_ENDINGS):
@@ -145,13 +145,13 @@ def _cut(imported: list[Imported], folder: Path) -> bool:
     except InputError as error:
         print(f"no scenario: {error}", file=sys.stderr)
         return False
-    sources = [Sources(one.recording, one.net.lane_map) for one in imported if one.net is not None]
+    sources = [Sources(part.recording, part.net.lane_map) for part in imported if part.net is not None]
     names = [folder / f"{segment.name}.yaml" for segment in manifest.segments]
     usable = survey(names, [sources[segment.recording] for segment in manifest.segments])
     print(describe(usable))
     scenarios = f"{shlex.quote(str(folder))}/*_train_*.yaml"
     print(f"next: {command()} evaluate --scenario {scenarios} --ego idm --policy replay litsim")
-    return not any(one.lacks for one in usable)
+    return not any(result.lacks for result in usable)
 
 
 def _draft(arguments: argparse.Namespace) -> None:

@@ -23,9 +23,9 @@ def add(subparsers: Any) -> None:
     """Adds the parser of the command."""
     command = subparsers.add_parser("map", help="build or check a net", description=__doc__)
     what = command.add_mutually_exclusive_group()
-    for name, known in _formats().items():
+    for name, source in _formats().items():
         what.add_argument(
-            f"--{name}", type=Path, metavar=known.file, dest=_chosen(name), help=f"import {known.content}"
+            f"--{name}", type=Path, metavar=source.file, dest=_chosen(name), help=f"import {source.content}"
         )
     what.add_argument("--check", type=Path, metavar="NET.net.xml", help="check this net instead of building one")
     lights_help = "put traffic lights on this net: where --signals says, or as --recording shows who stops and starts"
@@ -74,9 +74,9 @@ def _build(arguments: argparse.Namespace) -> Sequence[str]:
     from litsim_data.maps.positions import positions_of
 
     out = arguments.out
-    for name, known in _formats().items():
+    for name, source in _formats().items():
         if (path := getattr(arguments, _chosen(name))) is not None:
-            return known().write_net(path, arguments.origin and tuple(arguments.origin), out)
+            return source().write_net(path, arguments.origin and tuple(arguments.origin), out)
     if arguments.recording is None:
         raise InputError("data map: name the recording to fit lanes to with --recording")
     return write_graph(fit_carriageway(positions_of(arguments.recording)), out).notes
@@ -148,7 +148,7 @@ def _parts(arguments: argparse.Namespace) -> tuple[dict[str, pd.DataFrame], dict
 
     if arguments.recording is None:
         loaded = [Scenario.load(name, coverage_min=0.0) for name in arguments.scenario]
-        return {one.name: positions.vehicles_of(one.recording.table, one.name) for one in loaded}, None
+        return {source.name: positions.vehicles_of(source.recording.table, source.name) for source in loaded}, None
     if arguments.scenario:
         raise InputError("data map: --scenario goes without --recording")
     recorded = {"recording": positions.positions_of(arguments.recording)}

@@ -93,7 +93,7 @@ def find(names: Sequence[str], kinds: Sequence[EventKind]) -> list[MinedEvent]:
         InputError: a scenario cannot be used.
     """
     events: list[MinedEvent] = []
-    known: dict[tuple[object, ...], list[tuple[int, int, int]]] = {}  # frames of begin, numbers and end
+    frames_of: dict[tuple[object, ...], list[tuple[int, int, int]]] = {}  # frames of begin, numbers and end
     egos = 0
     with tqdm(names, unit="scenario", dynamic_ncols=True, disable=None) as bar:
         for name in bar:
@@ -102,16 +102,16 @@ def find(names: Sequence[str], kinds: Sequence[EventKind]) -> list[MinedEvent]:
             of_scenario = []
             for event in mine(scenario, kinds):
                 key = (scenario.file.recording, event.kind, event.ego, event.other)
-                begin, at, end = (scenario.start_frame + step for step in (event.begin, event.step, event.end))
+                begin, instant, end = (scenario.start_frame + step for step in (event.begin, event.step, event.end))
                 lasting = event.kind in LASTING
                 if not any(
-                    begin <= its_end and its_begin <= end if lasting else at == its_at
-                    for its_begin, its_at, its_end in known.get(key, [])
+                    begin <= its_end and its_begin <= end if lasting else instant == its_at
+                    for its_begin, its_at, its_end in frames_of.get(key, [])
                 ):
                     events.append(MinedEvent(name, event))
-                    of_scenario.append((key, (begin, at, end)))
+                    of_scenario.append((key, (begin, instant, end)))
             for key, frames in of_scenario:
-                known.setdefault(key, []).append(frames)
+                frames_of.setdefault(key, []).append(frames)
             bar.set_postfix_str(f"{egos} egos, {len(events)} events")
     return events
 
@@ -149,16 +149,16 @@ def _table(
     for number, column in enumerate(columns):
         table.add_column(column, justify="right" if number else "left")
     for kind, values in severities.items():
-        egos = len({one.seat for one in events if one.event.kind == kind})
+        egos = len({seated.seat for seated in events if seated.event.kind == kind})
         quantiles = [f"{value:.2f}" for value in np.quantile(values, [0.0, 0.25, 0.5, 0.75, 1.0])]
         critical, cases = sum(value >= CRITICAL for value in values), len(taken.get(kind, ()))
         table.add_row(kind.replace("_", " "), str(len(values)), str(egos), *quantiles, str(critical), str(cases))
     table.add_section()
-    table.add_row("all", str(len(events)), str(len({one.seat for one in events})), *[""] * 6, str(len(chosen)))
+    table.add_row("all", str(len(events)), str(len({seated.seat for seated in events})), *[""] * 6, str(len(chosen)))
     return table
 
 
 def _severities(events: Sequence[MinedEvent]) -> dict[EventKind, list[float]]:
     """Returns the severities by kind, in the order of kinds."""
-    by_kind = {kind: [one.event.severity for one in events if one.event.kind == kind] for kind in EventKind}
+    by_kind = {kind: [seated.event.severity for seated in events if seated.event.kind == kind] for kind in EventKind}
     return {kind: values for kind, values in by_kind.items() if values}

@@ -67,7 +67,7 @@ def reaction(
     mean_acceleration = (speed[BRAKING_STEPS:] - speed[:-BRAKING_STEPS]) / (BRAKING_STEPS * STEP_S)
     gaps = box_gaps if kind in BY_BOXES else path_gaps
     gap, ttc = gaps(a, b, agent_size, opponent_size)
-    known = len(a) > POSITION_AFTER
+    is_long = len(a) > POSITION_AFTER
     overlap = boxes_overlap(b.x - a.x, b.y - a.y, a.yaw, b.yaw, _arrays(agent_size), _arrays(opponent_size))
     return Reaction(
         onset=float(slower[0]) * STEP_S if len(slower) else np.nan,
@@ -75,7 +75,7 @@ def reaction(
         speed_lost=float(speed[0] - speed.min()),
         least_gap=float(gap.min()),
         least_ttc=min(float(ttc.min()), TTC_MAX),
-        position=np.array([a.x[POSITION_AFTER], a.y[POSITION_AFTER]]) if known else np.full(2, np.nan),
+        position=np.array([a.x[POSITION_AFTER], a.y[POSITION_AFTER]]) if is_long else np.full(2, np.nan),
         contact=bool(overlap.any()),
     )
 
@@ -104,21 +104,21 @@ def box_gaps(
     """
     corners = (box_corners(t.x, t.y, t.yaw, *_arrays(size)) for t, size in ((a, a_size), (b, b_size)))
     distance = shapely.distance(*(shapely.polygons(corner) for corner in corners))
-    at = np.arange(2 * len(a))
+    rows = np.arange(2 * len(a))
     both = {name: np.column_stack([getattr(a, name), getattr(b, name)]).ravel() for name in ("x", "y", "yaw", "speed")}
     table = AgentTable(
         step=0,
-        id=at,
-        scene=at // 2,  # a scene a step
-        kind=np.full(len(at), Kind.UNKNOWN, np.uint8),
-        controller=np.full(len(at), Controller.LOG, np.uint8),
-        acceleration=np.zeros(len(at)),
-        yaw_rate=np.zeros(len(at)),
+        id=rows,
+        scene=rows // 2,  # a scene a step
+        kind=np.full(len(rows), Kind.UNKNOWN, np.uint8),
+        controller=np.full(len(rows), Controller.LOG, np.uint8),
+        acceleration=np.zeros(len(rows)),
+        yaw_rate=np.zeros(len(rows)),
         length=np.tile([a_size[0], b_size[0]], len(a)),
         width=np.tile([a_size[1], b_size[1]], len(a)),
         **both,
     )
-    return distance, times_to_collision(table, at[::2])
+    return distance, times_to_collision(table, rows[::2])
 
 
 def _arrays(size: tuple[float, float]) -> tuple[FloatArray, FloatArray]:

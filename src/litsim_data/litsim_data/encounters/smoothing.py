@@ -25,8 +25,8 @@ def trailing_fit(values: FloatArray) -> FloatArray:
         return np.convolve(of, weight * back**power)[: len(values)]
 
     once = np.ones(len(values))
-    one, time, square = (moment(power, once) for power in range(3))
-    spread = one * square - time**2
+    count, time, square = (moment(power, once) for power in range(3))
+    spread = count * square - time**2
     ends = square * moment(0, values) - time * moment(1, values)
     return np.divide(ends, spread, out=values.astype(np.float64), where=spread > 0.0)
 

@@ -103,7 +103,7 @@ class Export(ABC):
 def by_ending() -> dict[str, Export]:
     """Returns the installed formats by their endings, the longest first."""
     formats = [plugins.load(plugins.EXPORTS, name)() for name in plugins.names(plugins.EXPORTS)]
-    pairs = {ending: known for known in formats for ending in known.endings}
+    pairs = {ending: file_format for file_format in formats for ending in file_format.endings}
     return dict(sorted(pairs.items(), key=lambda pair: (-len(pair[0]), pair[0])))
 
 
@@ -114,10 +114,10 @@ def format_of(out: Path) -> Export:
         InputError: there is none.
     """
     formats = by_ending()
-    for ending, known in formats.items():
+    for ending, file_format in formats.items():
         if out.name.endswith(ending):
-            return known
-    expected = "; ".join(f"{ending}: {known.content}" for ending, known in formats.items())
+            return file_format
+    expected = "; ".join(f"{ending}: {file_format.content}" for ending, file_format in formats.items())
     raise InputError(f"{out}: expected a name with the ending of a format: {expected}")
 
 

@@ -45,9 +45,9 @@ class OpenScenario(Export):
         table, road = content.motion(), beside(out, ".xodr")
         lines = OpenDrive().write(content, road)
         root = ET.Element("OpenSCENARIO")
-        known = "; ".join(filter(None, (content.source, content.licence)))
+        origin = "; ".join(filter(None, (content.source, content.licence)))
         header = {"revMajor": 1, "revMinor": 2, "date": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}", "author": "LitSim"}
-        add(root, "FileHeader", description=f"{content.name}{f': {known}' if known else ''}", **header)
+        add(root, "FileHeader", description=f"{content.name}{f': {origin}' if origin else ''}", **header)
         add(root, "CatalogLocations")
         add(root, "RoadNetwork/LogicFile", filepath=road.name)
         entities, board = add(root, "Entities"), add(root, "Storyboard")

@@ -39,8 +39,8 @@ def opened(source: Path, net: str | None = None) -> Iterator[Content]:
     elif of_scenario:
         yield _of_scenario(Scenario.load(name, coverage_min=0.0), source)
     elif of_net:
-        known = source if source.is_file() else net_named(name)
-        yield Content(known.name.split(".")[0], known, net=known)
+        net_file = source if source.is_file() else net_named(name)
+        yield Content(net_file.name.split(".")[0], net_file, net=net_file)
     else:
         yield _of_recording(source, net)
 
@@ -55,16 +55,16 @@ def run_content(run: Run, folder: Path) -> Content:
     net.write_bytes(run.net_xml)
     rows = trajectories(run)
     free_from = int(rows["frame"].min()) + run.info.history_steps - int(rows["step"].min())
-    known = net if run.net_xml else None
-    return Content(run.info.scenario, run.path, rows, known, run.info.ego_id, free_from, run.signals)
+    map_file = net if run.net_xml else None
+    return Content(run.info.scenario, run.path, rows, map_file, run.info.ego_id, free_from, run.signals)
 
 
 def _of_scenario(scenario: Scenario, path: Path) -> Content:
     recording, header = scenario.recording, scenario.recording.header
     free_from = scenario.start_frame + scenario.history_steps
-    known = (header.source, header.licence)
+    origin = (header.source, header.licence)
     return Content(
-        scenario.name, path, recording.table, scenario.net_path, scenario.ego_id, free_from, scenario.signals, *known
+        scenario.name, path, recording.table, scenario.net_path, scenario.ego_id, free_from, scenario.signals, *origin
     )
 
 
@@ -72,10 +72,10 @@ def _of_recording(path: Path, net: str | None) -> Content:
     recording = load_recording(path)
     header, table = recording.header, recording.table
     try:
-        known = net_of(header, path, net)
+        map_file = net_of(header, path, net)
     except InputError:
         if net is not None:
             raise
-        known = None  # some formats need none
+        map_file = None  # some formats need none
     first = int(table["frame"].min())
-    return Content(header.name, path, table, known, None, first, None, header.source, header.licence)
+    return Content(header.name, path, table, map_file, None, first, None, header.source, header.licence)

@@ -72,8 +72,9 @@ class Scene(Export):
             writer.add_metadata("run", reader.metadata)
             ours = (message for message in _messages(content, table, rear_axle) if message[1] in added)
             recorded = ((message.log_time_ns, message.topic, message.data) for message in reader.messages())
-            for at, name, data in heapq.merge(ours, recorded, key=itemgetter(0)):  # ours before those of the same time
-                writer.add_message(channels[name], at, data, at)
+            merged = heapq.merge(ours, recorded, key=itemgetter(0))  # ours before those of the same time
+            for time, name, data in merged:
+                writer.add_message(channels[name], time, data, time)
                 count += name in added
             with closing(stream):
                 writer.finish()
@@ -92,16 +93,16 @@ def _messages(content: Content, table: pd.DataFrame, rear_axle: float) -> Iterat
     every: Iterator[Any] = table.itertuples(index=False)
     for frame, rows in groupby(every, key=attrgetter("frame")):
         step, agents = int(frame) - first, [*rows]
-        at, others = step * STEP_NS, [agent for agent in agents if agent.vehicle_id != content.ego]
+        time, others = step * STEP_NS, [agent for agent in agents if agent.vehicle_id != content.ego]
         for ego in agents:
             if ego.vehicle_id == content.ego:
                 back = rear_axle * ego.length
                 x, y = ego.x - back * np.cos(ego.yaw), ego.y - back * np.sin(ego.yaw)
-                yield at, TF, _tf(step, "odom", "base_link", x, y, ego.yaw)
-        yield at, MARKERS_AGENTS, _markers(step, [_box(step, number, agent) for number, agent in enumerate(agents)])
-        yield at, OBJECTS, _cloud(step, others)
+                yield time, TF, _tf(step, "odom", "base_link", x, y, ego.yaw)
+        yield time, MARKERS_AGENTS, _markers(step, [_box(step, number, agent) for number, agent in enumerate(agents)])
+        yield time, OBJECTS, _cloud(step, others)
         if content.signals is not None:
-            yield at, LIGHT_MARKERS, _markers(step, _lights(step, content))
+            yield time, LIGHT_MARKERS, _markers(step, _lights(step, content))
 
 
 def _cdr(topic: str, message: Any) -> bytes:
@@ -178,7 +179,7 @@ def _cloud(step: int, agents: list[Any]) -> bytes:
 
     points = object_points(column, len(agents))
     layout = points.dtype
-    fields = [_make("sensor_msgs/msg/PointField", name, at, kind, 1) for name, at, kind in fields_of(layout)]
+    fields = [_make("sensor_msgs/msg/PointField", name, offset, kind, 1) for name, offset, kind in fields_of(layout)]
     described = {"header": _header(step), "height": 1, "width": len(agents), "fields": fields, "is_bigendian": False}
     size, data = layout.itemsize, np.frombuffer(points.tobytes(), np.uint8)
     row = {"point_step": size, "row_step": size * len(agents), "data": data, "is_dense": True}

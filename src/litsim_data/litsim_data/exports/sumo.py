@@ -31,9 +31,9 @@ class SumoTrajectories(Export):
         values = {"x": x, "y": y, "angle": (90.0 - np.rad2deg(table["yaw"])) % 360.0, "speed": table["speed"]}
         if content.net is not None:
             lane_map = content.lanes()
-            at = lane_map.nearest(x.to_numpy(), y.to_numpy(), table["yaw"].to_numpy())
-            lanes = [lane_map.lanes[row].id for row in at.lane]
-            values["pos"] = np.clip(at.s, 0.0, [lane_map.lanes[row].length for row in at.lane])
+            nearest = lane_map.nearest(x.to_numpy(), y.to_numpy(), table["yaw"].to_numpy())
+            lanes = [lane_map.lanes[row].id for row in nearest.lane]
+            values["pos"] = np.clip(nearest.s, 0.0, [lane_map.lanes[row].length for row in nearest.lane])
         columns = {name: [f"{value:.{DIGITS}f}" for value in column] for name, column in values.items()}
         if content.net is not None:
             columns["lane"] = lanes

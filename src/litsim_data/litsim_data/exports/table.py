@@ -51,8 +51,8 @@ def _lanes(run: Run, rows: pd.DataFrame) -> np.ndarray:
     lane_map = lane_map_of(run)
     if lane_map is None or rows.empty:
         return np.full(len(rows), -1)
-    at = lane_map.nearest(*(rows[name].to_numpy() for name in ("x", "y", "yaw")))
-    from_left = np.array(lanes_from_left(lane_map.lanes))[at.lane]
+    nearest = lane_map.nearest(*(rows[name].to_numpy() for name in ("x", "y", "yaw")))
+    from_left = np.array(lanes_from_left(lane_map.lanes))[nearest.lane]
     return np.where(from_left == 0, -1, from_left)
 
 

@@ -32,13 +32,15 @@ def mapping_of(path: Path) -> tuple[Path, Mapping] | None:
         InputError: the file cannot be read.
     """
     columns = _columns(path)
-    return next((one for one in mappings() if {*one[1].columns.named().values(), *one[1].repeated} <= columns), None)
+    return next(
+        (pair for pair in mappings() if {*pair[1].columns.named().values(), *pair[1].repeated} <= columns), None
+    )
 
 
 def drafted(paths: Path | Sequence[Path]) -> str:
     """Returns the text of the mapping of the package for a table; empty where it has none."""
-    known = mapping_of(paths if isinstance(paths, Path) else paths[0])
-    return "" if known is None else known[0].read_text(encoding="utf-8")
+    published = mapping_of(paths if isinstance(paths, Path) else paths[0])
+    return "" if published is None else published[0].read_text(encoding="utf-8")
 
 
 def _columns(path: Path) -> set[str]:

@@ -63,7 +63,7 @@ class Records(TableOfFile):
             content = read_json(path, RECORDS)
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: not readable as JSON: {error}") from error
-        if not (isinstance(content, list) and content and all(isinstance(one, dict) for one in content)):
+        if not (isinstance(content, list) and content and all(isinstance(entry, dict) for entry in content)):
             raise InputError(f"{path}: expected {RECORDS}")
         names = dict.fromkeys(name for record in content for name in record)
         return cls((), tuple(names), path, content)
@@ -156,8 +156,8 @@ def _unfolded(path: Path, repeated: Sequence[str]) -> LoadedTable:
         raise InputError(f"{path}: holds no rows")
     counts = [len(block) for block in blocks]
     columns: dict[str, object] = {}
-    for at, name in enumerate(header[:single]):
-        columns[name] = pd.Series([cells[at] for cells in once], dtype=object).repeat(counts).to_numpy()
+    for column, name in enumerate(header[:single]):
+        columns[name] = pd.Series([cells[column] for cells in once], dtype=object).repeat(counts).to_numpy()
     return LoadedTable.of(path, columns | dict(zip(repeated, np.concatenate(blocks).T, strict=True)))
 
 

@@ -78,8 +78,8 @@ class Group:
         shown: list[tuple[float, str, str]] = []
         for begin in np.arange(self.green_s - self.cycle_s, until_s, self.cycle_s):
             green = "green_permissive" if self.permissive else "green"
-            at = (begin, green), (begin + self.red_s - AMBER_S, "amber"), (begin + self.red_s, "red")
-            shown += [(round(time, 1), self.name, state) for time, state in at]
+            changes = (begin, green), (begin + self.red_s - AMBER_S, "amber"), (begin + self.red_s, "red")
+            shown += [(round(time, 1), self.name, state) for time, state in changes]
         return [change for change in shown if change[0] < until_s]
 
     def line(self) -> str:

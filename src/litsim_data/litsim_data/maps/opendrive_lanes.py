@@ -63,7 +63,7 @@ def _of_road(road: Road, roads: Roads) -> Iterator[Lanelet]:
             if number and lane.type in DRIVEN and (lanelet := _lanelet(road, section, number, along)) is not None:
                 forward = road.leads(number)
                 after = roads.onward(road, number, section, forward=forward)
-                names = (_name(to, to.section(s if ahead else s - 1e-6), at) for to, at, s, ahead in after)
+                names = (_name(to, to.section(s if ahead else s - 1e-6), other) for to, other, s, ahead in after)
                 yield replace(lanelet, successors=tuple(names))
 
 

@@ -10,6 +10,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -44,7 +45,7 @@ class Polynomials:
 
     def at(self, s: float) -> float:
         """Returns the value at `s`; 0 before the first polynomial, and without any."""
-        row = bisect_right(self.rows, s, key=lambda one: one[0]) - 1
+        row = bisect_right(self.rows, s, key=itemgetter(0)) - 1
         if row < 0:
             return 0.0
         begin, a, b, c, d = self.rows[row]
@@ -139,7 +140,7 @@ class Road:
 
     def section(self, s: float) -> Section:
         """Returns the section at a distance `s` along the road [m]."""
-        return self.sections[max(bisect_right(self.sections, s, key=lambda one: one.s) - 1, 0)]
+        return self.sections[max(bisect_right(self.sections, s, key=lambda section: section.s) - 1, 0)]
 
     def middle(self, lane: int, s: float) -> tuple[float, float] | None:
         """Returns how far left of the reference line the middle of a lane is at `s` [m], and the lane's width [m].
@@ -150,7 +151,7 @@ class Road:
         inner = [section.lanes.get(number) for number in range(side, lane + side, side)] if lane else []
         if None in inner:
             return None
-        widths = [one.width.at(s - section.s) for one in inner if one is not None] or [0.0]
+        widths = [part.width.at(s - section.s) for part in inner if part is not None] or [0.0]
         return self.offset.at(s) + side * (sum(widths) - 0.5 * widths[-1]), widths[-1]
 
     def lane_at(self, s: float, t: float) -> int | None:
@@ -246,8 +247,8 @@ class Roads:
             section = road.section(s if forward else max(s - 1e-6, 0.0))
             end = end_of(road, section) if forward else section.s
             for along in _steps(s, end, left):
-                at = min(max(along, section.s), end_of(road, section) - 1e-9)
-                found = road.middle(lane, at)
+                station = min(max(along, section.s), end_of(road, section) - 1e-9)
+                found = road.middle(lane, station)
                 if found is None:
                     return np.array(poses).reshape(-1, 3)
                 x, y, ahead = road.pose(along, found[0] + (aside if forward else -aside))
@@ -351,14 +352,22 @@ def _link(element: ET.Element | None) -> Link | None:
 def _connections(root: ET.Element) -> Iterator[tuple[str, str, str, str, dict[int, int]]]:
     """Yields junction, incoming and connecting road, end of the latter that touches, and lanes of each connection."""
     for junction in root.findall("junction"):
-        for one in junction.findall("connection"):
-            lanes = {int(link.get("from", "")): int(link.get("to", "")) for link in one.findall("laneLink")}
-            road = one.get("connectingRoad") or one.get("linkedRoad") or ""
-            yield junction.get("id", ""), one.get("incomingRoad", ""), road, one.get("contactPoint", ""), lanes
+        for connection in junction.findall("connection"):
+            lanes = {int(link.get("from", "")): int(link.get("to", "")) for link in connection.findall("laneLink")}
+            road = connection.get("connectingRoad") or connection.get("linkedRoad") or ""
+            yield (
+                junction.get("id", ""),
+                connection.get("incomingRoad", ""),
+                road,
+                connection.get("contactPoint", ""),
+                lanes,
+            )
 
 
 def _polynomials(elements: list[ET.Element], begin: str) -> Polynomials:
-    return Polynomials(sorted(tuple(_float(one, name) for name in (begin, "a", "b", "c", "d")) for one in elements))
+    return Polynomials(
+        sorted(tuple(_float(element, name) for name in (begin, "a", "b", "c", "d")) for element in elements)
+    )
 
 
 def _within(piece: ET.Element, s: float) -> Pose:

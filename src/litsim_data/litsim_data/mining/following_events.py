@@ -83,15 +83,15 @@ def steady_following(situation: Situation) -> Iterator[Event]:
             for begin, end in true_runs(steady[row] & (leader == other)):
                 if (end - begin) * STEP_S < FOLLOWING_S - 1e-9:
                     continue
-                at = begin + int(following.headway[row, begin:end].argmin())
-                headway = float(following.headway[row, at])
+                worst = begin + int(following.headway[row, begin:end].argmin())
+                headway = float(following.headway[row, worst])
                 numbers: dict[str, Number] = {
                     "duration_s": (end - begin) * STEP_S,
                     "headway_s": headway,
-                    "gap_m": following.gap[row, at],
-                    "closing_mps": following.closing[row, at],
+                    "gap_m": following.gap[row, worst],
+                    "closing_mps": following.closing[row, worst],
                 }
-                steps, size = (begin, at, end - 1), severity(headway=headway)
+                steps, size = (begin, worst, end - 1), severity(headway=headway)
                 yield situation.event(EventKind.FOLLOWING, row, other, steps, size, numbers)
 
 

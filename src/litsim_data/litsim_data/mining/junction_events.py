@@ -51,18 +51,18 @@ def encounters(situation: Situation) -> Iterator[Event]:
 
 
 def _encounter(situation: Situation, a: Passage, b: Passage) -> Iterator[Event]:
-    log, at, ways = situation.log, [], []
+    log, inside, ways = situation.log, [], []
     for passage in (a, b):  # with the approach and the exit
         first = max(passage.first - MARGIN, int(log.first_step[passage.agent]))
         last = min(passage.last + MARGIN, int(log.last_step[passage.agent]))
-        at.append(np.arange(first, last + 1))
+        inside.append(np.arange(first, last + 1))
         ways.append(boxes(log, passage.agent, first, last))
-    use = closest_use(at[0], ways[0], at[1], ways[1])
+    use = closest_use(inside[0], ways[0], inside[1], ways[1])
     if use is None:
         return
     i, j, apart = use
-    step = int(max(at[0][i], at[1][j]))
-    pet, earlier = apart * STEP_S, a if at[0][i] < at[1][j] else b
+    step = int(max(inside[0][i], inside[1][j]))
+    pet, earlier = apart * STEP_S, a if inside[0][i] < inside[1][j] else b
     angle = float(np.abs(wrap_angle(np.asarray(ways[1][j, 2] - ways[0][i, 2]))))
     kind, signal = _kind(situation, a, b, pet)
     size = severity(pet=pet)

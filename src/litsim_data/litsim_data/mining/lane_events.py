@@ -73,12 +73,12 @@ def _cut_in(
     kind: EventKind = EventKind.CUT_IN,
     more: dict[str, Number] | None = None,
 ) -> Event:
-    at = change.cross
-    numbers, worst = _gap(situation, ego, at)
-    closing, ttc_min = float(situation.following.closing[ego, at]), situation.ttc_after(ego, at, at)
+    cross = change.cross
+    numbers, worst = _gap(situation, ego, cross)
+    closing, ttc_min = float(situation.following.closing[ego, cross]), situation.ttc_after(ego, cross, cross)
     numbers |= {"ttc_min_s": ttc_min, "from": "right" if change.left else "left"}
     if closing > 0.0:
-        avoidable = situation.ttc_min(ego, at, at) > closing / (2.0 * R157_BRAKING) + R157_DELAY
+        avoidable = situation.ttc_min(ego, cross, cross) > closing / (2.0 * R157_BRAKING) + R157_DELAY
         numbers["r157"] = "to be avoided" if avoidable else "unavoidable"
     numbers |= {"duration_s": change.duration_s} | (more or {})
     return situation.event(kind, ego, change.agent, change.steps, max(worst, severity(ttc=ttc_min)), numbers)
@@ -88,15 +88,15 @@ def _own_change(
     situation: Situation, change: LaneChange, kind: EventKind, more: dict[str, Number] | None = None
 ) -> Event:
     """Returns a lane change as an event of who makes it, with the more critical of its new leader and follower."""
-    at, row = change.cross, change.agent
-    ahead, worst_ahead = _gap(situation, row, at)
+    cross, row = change.cross, change.agent
+    ahead, worst_ahead = _gap(situation, row, cross)
     numbers: dict[str, Number] = {f"ahead_{name}": value for name, value in ahead.items()}
-    behind = situation.followers(row, at)[:1].tolist()
-    after, worst_behind = _gap(situation, behind[0], at) if behind else (dict.fromkeys(ahead), 0.0)
+    behind = situation.followers(row, cross)[:1].tolist()
+    after, worst_behind = _gap(situation, behind[0], cross) if behind else (dict.fromkeys(ahead), 0.0)
     numbers |= {f"behind_{name}": value for name, value in after.items()}
     numbers |= {"to": "left" if change.left else "right", "duration_s": change.duration_s}
     numbers |= {"lateral_speed_mps": change.lateral_speed} | (more or {})
-    other = behind[0] if behind and worst_behind > worst_ahead else int(situation.following.leader[row, at])
+    other = behind[0] if behind and worst_behind > worst_ahead else int(situation.following.leader[row, cross])
     return situation.event(kind, row, other, change.steps, max(worst_ahead, worst_behind), numbers)
 
 

@@ -63,10 +63,10 @@ class LaneTracks:
         there = np.nonzero(valid)
         for begin in range(0, len(there[0]), CHUNK):
             some = (there[0][begin : begin + CHUNK], there[1][begin : begin + CHUNK])
-            at = lane_map.nearest(log.x[some], log.y[some], log.yaw[some])
-            lane[some] = np.where(np.abs(at.d) <= 0.5 * width[at.lane] + OFF_LANE_M, at.lane, NOWHERE)
-            s[some], d[some] = at.s, at.d
-            along[some] = log.speed[some] * np.cos(log.yaw[some] - at.heading)
+            nearest = lane_map.nearest(log.x[some], log.y[some], log.yaw[some])
+            lane[some] = np.where(np.abs(nearest.d) <= 0.5 * width[nearest.lane] + OFF_LANE_M, nearest.lane, NOWHERE)
+            s[some], d[some] = nearest.s, nearest.d
+            along[some] = log.speed[some] * np.cos(log.yaw[some] - nearest.heading)
         ways = ways_of(lane_map)
         stretch, level = np.full(valid.shape, NOWHERE), np.zeros(valid.shape, np.int64)
         following = np.tile(np.array(ways.straightest, np.int64), (len(log.ids), 1))
@@ -187,9 +187,9 @@ def _lateral_speed(lane: IntArray, d: FloatArray, stretch: IntArray, level: IntA
     moved = np.diff(d, axis=1) + np.diff(level, axis=1) * half
     step[:, 1:] = np.where(together & (np.abs(moved) <= JUMP_M), moved, 0.0)
     way = np.cumsum(step, axis=1)
-    at = np.arange(d.shape[1])
+    steps = np.arange(d.shape[1])
     # The first and last step within reach in the same stretch.
-    early, late = np.maximum(at - LATERAL_SPAN, 0), np.minimum(at + LATERAL_SPAN, len(at) - 1)
+    early, late = np.maximum(steps - LATERAL_SPAN, 0), np.minimum(steps + LATERAL_SPAN, len(steps) - 1)
     first, last = np.zeros(d.shape, np.int64), np.zeros(d.shape, np.int64)
     for row in range(len(d)):
         for begin, end in runs(stretch[row]):

@@ -96,8 +96,8 @@ def turns(log: Log) -> list[Turn]:
     for row in range(len(log.ids)):
         first, last = int(log.first_step[row]), int(log.last_step[row])
         yaw = np.unwrap(log.yaw[row, first : last + 1])
-        speed, at = log.speed[row, first : last + 1], np.arange(len(yaw))
-        early, late = np.maximum(at - RATE_SPAN, 0), np.minimum(at + RATE_SPAN, len(at) - 1)
+        speed, steps = log.speed[row, first : last + 1], np.arange(len(yaw))
+        early, late = np.maximum(steps - RATE_SPAN, 0), np.minimum(steps + RATE_SPAN, len(steps) - 1)
         rate = (yaw[late] - yaw[early]) / np.maximum((late - early) * STEP_S, STEP_S)
         for side in (1.0, -1.0):
             for begin, end in true_runs(_bridged(side * rate > TURN_RATE, speed < STANDING)):

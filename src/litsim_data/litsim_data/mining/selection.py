@@ -46,7 +46,7 @@ class Chosen:
 
 def hardest(events: Sequence[MinedEvent], count: int) -> list[MinedEvent]:
     """Returns the `count` most severe of `events`, in descending order; ties in the order of `events`."""
-    return sorted(events, key=lambda one: -one.event.severity)[:count]
+    return sorted(events, key=lambda seated: -seated.event.severity)[:count]
 
 
 def spread(events: Sequence[MinedEvent], count: int) -> list[MinedEvent]:
@@ -59,7 +59,7 @@ def spread(events: Sequence[MinedEvent], count: int) -> list[MinedEvent]:
         return left
     chosen = []
     for target in np.linspace(left[0].event.severity, left[-1].event.severity, count):
-        nearest = min(range(len(left)), key=lambda at: (abs(left[at].event.severity - target), at))
+        nearest = min(range(len(left)), key=lambda index: (abs(left[index].event.severity - target), index))
         chosen.append(left.pop(nearest))
     return chosen
 
@@ -67,9 +67,9 @@ def spread(events: Sequence[MinedEvent], count: int) -> list[MinedEvent]:
 def worst_of_each(events: Iterable[MinedEvent]) -> list[MinedEvent]:
     """Returns the most severe event of every scenario and ego, the first of ties; in the order of `events`."""
     best: dict[tuple[str, int], MinedEvent] = {}
-    for one in events:
-        if one.seat not in best or one.event.severity > best[one.seat].event.severity:
-            best[one.seat] = one
+    for seated in events:
+        if seated.seat not in best or seated.event.severity > best[seated.seat].event.severity:
+            best[seated.seat] = seated
     return list(best.values())
 
 
@@ -84,12 +84,12 @@ def choose(
     pick = spread if evenly else hardest
     chosen: dict[tuple[str, int], list[Event]] = {}
     for kind, count in wanted.items():
-        candidates = worst_of_each(one for one in events if one.event.kind == kind)
-        for one in pick(candidates, len(candidates) if count is None else count):
-            chosen.setdefault(one.seat, []).append(one.event)
+        candidates = worst_of_each(seated for seated in events if seated.event.kind == kind)
+        for seated in pick(candidates, len(candidates) if count is None else count):
+            chosen.setdefault(seated.seat, []).append(seated.event)
     around: dict[tuple[str, int], list[Event]] = {}
-    for one in events:
-        around.setdefault(one.seat, []).append(one.event)
+    for seated in events:
+        around.setdefault(seated.seat, []).append(seated.event)
     cases = []
     for seat, of_seat in around.items():
         if why := sorted(chosen.get(seat, ()), key=lambda event: (event.step, event.kind)):

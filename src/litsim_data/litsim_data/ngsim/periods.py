@@ -77,9 +77,9 @@ class Clocks:
         pairs, unique = pd.factorize(pd.MultiIndex.from_arrays([rows["site"], origins]), sort=True)
         index = np.array([self._find(names[site], int(origin)) for site, origin in unique], np.int64)[pairs]
         if len(self.clocks) > CLOCKS_MAX:
-            at = int(np.argmax(index >= CLOCKS_MAX))
+            row = int(np.argmax(index >= CLOCKS_MAX))
             raise InputError(
-                f"{where}: line {rows['line'].iloc[at]}: Frame_ID {frame[at]} at Global_Time {time_ms[at]}: "
+                f"{where}: line {rows['line'].iloc[row]}: Frame_ID {frame[row]} at Global_Time {time_ms[row]}: "
                 f"frames and times do not run together at 10 Hz; {len(self.clocks)} different times of frame 0"
             )
         for code in np.unique(index):

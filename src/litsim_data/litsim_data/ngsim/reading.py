@@ -177,9 +177,9 @@ def _located(path: Path, location: pa.ChunkedArray, lines: IntArray) -> IntArray
     sites = [site_at(text) for text in spelled]
     index = np.array([list(SITES).index(site.name) if site else -1 for site in sites], np.int64)[codes]
     if (index < 0).any():
-        known = ", ".join(site.location for site in SITES.values())
+        locations = ", ".join(site.location for site in SITES.values())
         text = spelled[codes[int(np.argmax(index < 0))]]
-        raise row_error(path, lines, index < 0, f"column Location is {text!r}, expected one of {known}")
+        raise row_error(path, lines, index < 0, f"column Location is {text!r}, expected one of {locations}")
     return index
 
 

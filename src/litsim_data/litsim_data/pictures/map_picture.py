@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from operator import attrgetter
 from pathlib import Path
 from string import ascii_uppercase
 
@@ -98,7 +99,7 @@ def _extent(lane_map: LaneMap, tables: list[pd.DataFrame]) -> tuple[FloatArray, 
 def _places(misses: list[Miss]) -> list[Miss]:
     """Returns the worst misses at up to DETAILS places at least PLACES_APART apart."""
     chosen: list[Miss] = []
-    for miss in sorted(misses, key=lambda one: -one.beyond):
+    for miss in sorted(misses, key=attrgetter("beyond"), reverse=True):
         if len(chosen) < DETAILS and all(
             math.hypot(miss.x - other.x, miss.y - other.y) > PLACES_APART for other in chosen
         ):

@@ -139,16 +139,16 @@ def _intersection(recording: Recording, lane_map: LaneMap, signals: Signals | No
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     plans = [figure.add_subplot(grid[k]) for k in range(1 + len(shown))]
     speeds = Normalize(0.0, max(1.0, float(table["speed"].quantile(0.98))))
-    for axes, at in zip(plans, (None, *shown), strict=True):
+    for axes, instant in zip(plans, (None, *shown), strict=True):
         draw_lanes(axes, lane_map)
-        if at is None:
+        if instant is None:
             _coloured(axes, tracks, np.ones(len(tracks), np.bool_), tracks[["x", "y"]].to_numpy(), speeds, zorder=4)
         else:
-            agents = Log.from_recording(recording, first + at, 1).table(0)
+            agents = Log.from_recording(recording, first + instant, 1).table(0)
             draw_boxes(axes, agents, [to_hex(colour) for colour in colormaps[SPEEDS](speeds(agents.speed))])
-            axes.set_title(f"{at * STEP_S:.1f} s, frame {first + at}", loc="left", fontsize=9, color=INK)
+            axes.set_title(f"{instant * STEP_S:.1f} s, frame {first + instant}", loc="left", fontsize=9, color=INK)
         if signals is not None:
-            draw_stop_lines(axes, signals, at or 0)
+            draw_stop_lines(axes, signals, instant or 0)
         show_area(axes, area)
         plain(axes)
     figure.colorbar(
@@ -170,8 +170,8 @@ def _coloured(
     axes: Axes, table: pd.DataFrame, rows: BoolArray, points: FloatArray, speeds: Normalize, zorder: int = 2
 ) -> None:
     """Draws the tracks of the chosen `rows` of `table` through `points` (n, 2), coloured by speed."""
-    pieces, at = _pieces(table, rows, points)
-    colour = table["speed"].to_numpy()[at]
+    pieces, piece_rows = _pieces(table, rows, points)
+    colour = table["speed"].to_numpy()[piece_rows]
     axes.add_collection(LineCollection(pieces, array=colour, cmap=SPEEDS, norm=speeds, linewidths=0.7, zorder=zorder))
 
 
@@ -227,8 +227,8 @@ def _space_time(
 
 def _tracks(axes: Axes, table: pd.DataFrame, lane_map: LaneMap | None) -> None:
     lane = table["lane"].to_numpy()
-    for known in lane_map.lanes if lane_map is not None else ():
-        axes.plot(*known.centerline.T, color=LANE, lw=3.0, zorder=0, solid_capstyle="butt")
+    for map_lane in lane_map.lanes if lane_map is not None else ():
+        axes.plot(*map_lane.centerline.T, color=LANE, lw=3.0, zorder=0, solid_capstyle="butt")
     points = table[["x", "y"]].to_numpy()
     for number in np.unique(lane):
         pieces, _ = _pieces(table, lane == number, points)

@@ -287,20 +287,20 @@ def _objects(message: Any, topic: str, vehicle: VehicleInfo) -> Iterator[_Row]:
         size = vehicle.length, vehicle.width
         yield _Row(EGO, stamp, *centre, yaw, _speed(message.twist.twist), *size, "car", place.z, topic)
         return
-    for one in message.objects:
-        about = one.kinematics
+    for detected in message.objects:
+        about = detected.kinematics
         initial = "initial_" if hasattr(about, "initial_pose_with_covariance") else ""
         pose = getattr(about, f"{initial}pose_with_covariance").pose
         speed = _speed(getattr(about, f"{initial}twist_with_covariance").twist)
-        likely = max(one.classification, key=lambda label: label.probability, default=None)
+        likely = max(detected.classification, key=lambda label: label.probability, default=None)
         label = 0 if likely is None else int(likely.label)
         kind = LABELS[label] if label < len(LABELS) else f"label {label}"
-        uuid = bytes(one.object_id.uuid)
+        uuid = bytes(detected.object_id.uuid)
         agent = agent_of(uuid)
         name = str(UUID(bytes=uuid)) if agent is None else str(agent)
         place = pose.position
         yield _Row(
-            name, stamp, place.x, place.y, _yaw(pose.orientation), speed, *_size(one.shape), kind, place.z, topic
+            name, stamp, place.x, place.y, _yaw(pose.orientation), speed, *_size(detected.shape), kind, place.z, topic
         )
 
 

@@ -165,10 +165,10 @@ def _signals(root: ET.Element, step: float, last: int, path: Path) -> list[Signa
         begin -= period * -(-begin // period)  # of the cycle that runs at step 0
         colours = [element.findtext("color", "").lower() for element in elements]
         while begin <= last:
-            for at, colour in zip(accumulate(lasts[:-1], initial=begin), colours, strict=True):
+            for begun, colour in zip(accumulate(lasts[:-1], initial=begin), colours, strict=True):
                 state = STATES.get(colour, colour)
                 if state not in NAMES:
                     raise InputError(f"{path}: traffic light {light.get('id')}: colour {colour!r} is unknown")
-                changes.append((at * step, light.get("id", ""), state))
+                changes.append((begun * step, light.get("id", ""), state))
             begin += period
     return sorted(changes)

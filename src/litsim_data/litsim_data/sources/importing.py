@@ -135,12 +135,12 @@ def files_of(path: Path) -> list[tuple[Path, Source]]:
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
     if path.is_dir():
         files = [file for file in files if file.name == METADATA_FILE or not (file.parent / METADATA_FILE).is_file()]
-    known = [(file, source) for file in files if (source := source_of(file)) is not None]
-    if not known:
+    recognised = [(file, source) for file in files if (source := source_of(file)) is not None]
+    if not recognised:
         contents = "; ".join(source.content for source in known_sources())
         held = f"none of its {len(files)} files is" if path.is_dir() else "is not"
         raise InputError(f"{path}: {held} of a known format: {contents}; {OTHER_TABLES}")
-    return known
+    return recognised
 
 
 def import_all(
@@ -372,7 +372,7 @@ def cut(imported: list[Imported], out: Path) -> segments.Manifest:
     Raises:
         InputError: no vehicle can be the ego.
     """
-    frames = [one.recording.columns["frame"] for one in imported]
+    frames = [part.recording.columns["frame"] for part in imported]
     shortest = min(int(frame.max() - frame.min()) for frame in frames) * STEP_S
     values: dict[str, Any] = {"split": (1.0, 0.0, 0.0)}
     if shortest < SHORT_S:
@@ -380,7 +380,9 @@ def cut(imported: list[Imported], out: Path) -> segments.Manifest:
         values["history_s"] = round(min(history, 3.0), 1)
         values["simulation_s"] = round(min(25.0, max(shortest - values["history_s"], STEP_S)), 1)
         values["ego_min_s"] = round(max(EGO_SHARE * values["simulation_s"], STEP_S), 1)
-    sources = [(f"../{one.path.name}", f"../{one.net.path.name}", None, one.recording) for one in imported if one.net]
+    sources = [
+        (f"../{part.path.name}", f"../{part.net.path.name}", None, part.recording) for part in imported if part.net
+    ]
     manifest = segments.cut(sources, segments.Settings(**values))
     segments.write(manifest, out)
     return manifest

@@ -77,7 +77,7 @@ def _map(path: Path, lanes: Path | None, name: str) -> LaneGraph | Path:
 
     place = path.resolve().parent
     beside = [folder / "maps" / f"{name}.osm" for folder in (place, *place.parents[:2])]
-    file = lanes or next((one for one in beside if one.is_file()), None)
+    file = lanes or next((candidate for candidate in beside if candidate.is_file()), None)
     if file is None:
         raise InputError(f"{path}: no map {beside[-1]}: name it by --map")
     return file if file.suffix == ".xodr" else read_graph(file, ORIGIN)

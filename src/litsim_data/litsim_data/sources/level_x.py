@@ -144,14 +144,14 @@ def _highway(about: dict[str, Any], path: Path) -> LaneGraph:
             raise InputError(f"{path}: field {side}LaneMarkings of its recordingMeta: {error}") from error
         bounds = [np.column_stack([along, np.full(2, -mark)]) for mark in (marks[::-1] if side == "upper" else marks)]
         names = [f"{side}{number}" for number in range(len(bounds) - 1)]  # from the left edge of the carriageway
-        for at, name in enumerate(names):
+        for index, name in enumerate(names):
             lanelets.append(
                 Lanelet(
                     name,
-                    bounds[at],
-                    bounds[at + 1],
-                    left_id=names[at - 1] if at else None,
-                    right_id=names[at + 1] if at + 1 < len(names) else None,
+                    bounds[index],
+                    bounds[index + 1],
+                    left_id=names[index - 1] if index else None,
+                    right_id=names[index + 1] if index + 1 < len(names) else None,
                     speed_limit=limit if limit > 0.0 else ADVISED,
                 )
             )

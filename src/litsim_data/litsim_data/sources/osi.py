@@ -68,14 +68,14 @@ class OpenSimulationInterface(Source):
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
         rows: list[tuple[Any, ...]] = []
-        known: dict[int, Any] = {}
+        road_lanes: dict[int, Any] = {}
         borders: dict[int, Any] = {}
         references: set[str] = set()
         host, lights = "", 0
         for truth in _truths(path):
             time = truth.timestamp.seconds + 1e-9 * truth.timestamp.nanos
             rows += [_row(one, time) for one in truth.moving_object]
-            known |= {lane.id.value: lane for lane in truth.lane}
+            road_lanes |= {lane.id.value: lane for lane in truth.lane}
             borders |= {border.id.value: border for border in truth.lane_boundary}
             references |= {truth.map_reference} - {""}
             lights = max(lights, len(truth.traffic_light))
@@ -87,7 +87,7 @@ class OpenSimulationInterface(Source):
         road = next((file for one in sorted(references) if (file := path.parent / Path(one).name).is_file()), None)
         notes = (f"{lights} bulbs of traffic lights are not used",) if lights else ()
         ego = host if host in set(table["vehicle_id"]) else None
-        map_of = partial(_map, path, lanes or road, known, borders)
+        map_of = partial(_map, path, lanes or road, road_lanes, borders)
         yield Scene(name, tracks, mapping, map_of, f"{name}_net", ego=ego, notes=notes)
 
 
@@ -136,19 +136,23 @@ def _messages(path: Path) -> Iterator[tuple[str, bytes]]:
 
 def _content(truth: Any) -> int:
     """Returns how many objects and lanes ground truth holds: none where a message is read as one of another type."""
-    placed = [one for one in truth.moving_object if one.HasField("id") and one.base.HasField("position")]
+    placed = [
+        vehicle for vehicle in truth.moving_object if vehicle.HasField("id") and vehicle.base.HasField("position")
+    ]
     return len(placed) + len(truth.lane)
 
 
-def _row(one: Any, time: float) -> tuple[Any, ...]:
+def _row(vehicle: Any, time: float) -> tuple[Any, ...]:
     """Returns the columns COLUMNS of a moving object at a time [s]."""
-    kind = one.Type.Name(one.type).removeprefix("TYPE_").lower()
+    kind = vehicle.Type.Name(vehicle.type).removeprefix("TYPE_").lower()
     if kind == "vehicle":
-        kind = one.VehicleClassification.Type.Name(one.vehicle_classification.type).removeprefix("TYPE_").lower()
-    base = one.base
+        kind = (
+            vehicle.VehicleClassification.Type.Name(vehicle.vehicle_classification.type).removeprefix("TYPE_").lower()
+        )
+    base = vehicle.base
     velocity = (base.velocity.x, base.velocity.y) if base.HasField("velocity") else (np.nan, np.nan)
     pose = base.position.x, base.position.y, base.orientation.yaw
-    return str(one.id.value), time, *pose, *velocity, kind, base.dimension.length, base.dimension.width
+    return str(vehicle.id.value), time, *pose, *velocity, kind, base.dimension.length, base.dimension.width
 
 
 def _map(path: Path, road: Path | None, lanes: dict[int, Any], borders: dict[int, Any]) -> LaneGraph | Path:
@@ -179,8 +183,8 @@ def _width(line: FloatArray, meaning: Any, borders: dict[int, Any]) -> float:
     """Returns the width [m] of a lane: the median distances to its borders, half a usual lane where there is none."""
     points, width = shapely.points(line[:, :2]), 0.0
     for side in (meaning.left_lane_boundary_id, meaning.right_lane_boundary_id):
-        known = [borders[one.value].boundary_line for one in side if one.value in borders]
-        parts = [[(at.position.x, at.position.y) for at in border] for border in known if len(border) > 1]
+        lines = [borders[lane.value].boundary_line for lane in side if lane.value in borders]
+        parts = [[(point.position.x, point.position.y) for point in border] for border in lines if len(border) > 1]
         far = shapely.distance(points, shapely.MultiLineString(parts)) if parts else np.array([0.5 * LANE_WIDTH])
         width += float(np.median(far))
     return width
@@ -192,7 +196,7 @@ def _across(lanes: dict[int, Any], outer: dict[str, Lanelet]) -> Iterator[Lanele
         if str(number) in outer or lane.classification.Type.Name(lane.classification.type) != "TYPE_INTERSECTION":
             continue
         for pair in lane.classification.lane_pairing:
-            start, end = (outer.get(str(one.value)) for one in (pair.antecessor_lane_id, pair.successor_lane_id))
+            start, end = (outer.get(str(own.value)) for own in (pair.antecessor_lane_id, pair.successor_lane_id))
             if start is None or end is None or end.id in start.successors:
                 continue
             turned = float(wrap_angle(np.array(end.course(0) - start.course(-1))))

@@ -124,8 +124,8 @@ def _plain(value: Any, level: int, parts: list[int]) -> Any:
     parts[0] += len(value)
     check_budget("parts", parts[0], OPERATIONS_MAX)
     if isinstance(value, dict):  # keys of other kinds nobody looks up
-        known = {key: part for key, part in value.items() if isinstance(key, str | int | float)}
-        return {key: _plain(part, level + 1, parts) for key, part in known.items()}
+        plain = {key: part for key, part in value.items() if isinstance(key, str | int | float)}
+        return {key: _plain(part, level + 1, parts) for key, part in plain.items()}
     return type(value)(_plain(part, level + 1, parts) for part in value)
 
 

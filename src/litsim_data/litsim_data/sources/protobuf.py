@@ -41,40 +41,40 @@ def fields_of(message: int | memoryview) -> Fields:
     if isinstance(message, int):
         raise ValueError("a number where a message is expected")  # noqa: TRY004 - of a file, not of an argument
     fields: Fields = {}
-    at = 0
-    while at < len(message):
-        key, at = _varint(message, at)
+    offset = 0
+    while offset < len(message):
+        key, offset = _varint(message, offset)
         kind = key & 7
         value: int | memoryview
         if kind == VARINT:
-            value, at = _varint(message, at)
+            value, offset = _varint(message, offset)
         else:
             size = {FIXED64: 8, FIXED32: 4}.get(kind, -1)
             if kind == BYTES:
-                size, at = _varint(message, at)
-            if size < 0 or at + size > len(message):
-                raise ValueError(f"byte {at}: not a protocol buffer")
-            value, at = message[at : at + size], at + size
+                size, offset = _varint(message, offset)
+            if size < 0 or offset + size > len(message):
+                raise ValueError(f"byte {offset}: not a protocol buffer")
+            value, offset = message[offset : offset + size], offset + size
         fields.setdefault(key >> 3, []).append(value)
     return fields
 
 
 def varints(packed: memoryview) -> list[int]:
     """Returns the whole numbers of a packed field."""
-    values, at = [], 0
-    while at < len(packed):
-        value, at = _varint(packed, at)
+    values, offset = [], 0
+    while offset < len(packed):
+        value, offset = _varint(packed, offset)
         values.append(value)
     return values
 
 
-def _varint(message: memoryview, at: int) -> tuple[int, int]:
+def _varint(message: memoryview, offset: int) -> tuple[int, int]:
     """Returns the whole number at a place, and the place after it."""
     value = shift = 0
-    while at < len(message) and shift < 64:
-        byte = message[at]
+    while offset < len(message) and shift < 64:
+        byte = message[offset]
         value |= (byte & 0x7F) << shift
-        at, shift = at + 1, shift + 7
+        offset, shift = offset + 1, shift + 7
         if not byte & 0x80:
-            return value, at
-    raise ValueError(f"byte {at}: not a protocol buffer")
+            return value, offset
+    raise ValueError(f"byte {offset}: not a protocol buffer")

@@ -93,11 +93,11 @@ def _tracks(objects: Mapping[Any, Any], times: FloatArray, path: Path) -> tuple[
     check_budget("rows of tracks", len(objects) * len(times) * len(COLUMNS), CELLS_MAX)
     pieces: list[dict[str, Any]] = []
     others: Counter[str] = Counter()
-    for name, one in objects.items():
-        if one["type"] not in KINDS:
-            others[str(one["type"])] += 1
+    for name, track in objects.items():
+        if track["type"] not in KINDS:
+            others[str(track["type"])] += 1
             continue
-        state = one["state"]
+        state = track["state"]
         there = np.asarray(state["valid"], bool).ravel()
         place = np.asarray(state["position"], np.float64)
         if len(there) != len(times) or place.shape[0] != len(times) or place.shape[1] not in (2, 3):
@@ -111,8 +111,8 @@ def _tracks(objects: Mapping[Any, Any], times: FloatArray, path: Path) -> tuple[
                 state.get(side, np.nan), (len(times),) + (1,) * (np.ndim(state.get(side)) - 1)
             )
         values = {column: np.asarray(value, np.float64).reshape(len(times))[there] for column, value in piece.items()}
-        own = likely_kind(str((one.get("metadata") or {}).get("type")).replace("VEHICLE", ""))
-        fixed = {"vehicle_id": str(name), "kind": own if own in BY_NAME else KINDS[one["type"]]}
+        own = likely_kind(str((track.get("metadata") or {}).get("type")).replace("VEHICLE", ""))
+        fixed = {"vehicle_id": str(name), "kind": own if own in BY_NAME else KINDS[track["type"]]}
         pieces.append(values | {column: np.full(int(there.sum()), text, object) for column, text in fixed.items()})
     if not pieces:
         raise ValueError("no tracks of road users")

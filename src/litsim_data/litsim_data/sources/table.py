@@ -49,9 +49,9 @@ class PublishedTable(Source):
 
     def read(self, path: Path, lanes: Path | None) -> Iterator[Scene]:
         """See :class:`.source.Source`."""
-        known = mapping_of(path)
-        assert known is not None  # it is recognised
-        file, mapping = known
+        published = mapping_of(path)
+        assert published is not None  # it is recognised
+        file, mapping = published
         named = mapping.model_copy(update={"name": f"{mapping.name}_{path.name.partition('.')[0]}"})
         yield from MappedTable(named, file).read(path, lanes)
 

@@ -103,13 +103,13 @@ class WaymoRecord(Source):
 
 def _scene(content: Mapping[str, Any], name: str, path: Path) -> Scene:
     rows = []
-    for one in content["objects"]:
-        for step, valid in enumerate(one["valid"]):
+    for track in content["objects"]:
+        for step, valid in enumerate(track["valid"]):
             if not valid:
                 continue
-            place, velocity = one["position"][step], one["velocity"][step]
-            row = (place["x"], place["y"], place.get("z", 0.0), one["heading"][step], velocity["x"], velocity["y"])
-            rows.append((str(one["id"]), step, *row, one["length"], one["width"], one["type"]))
+            place, velocity = track["position"][step], track["velocity"][step]
+            row = (place["x"], place["y"], place.get("z", 0.0), track["heading"][step], velocity["x"], velocity["y"])
+            rows.append((str(track["id"]), step, *row, track["length"], track["width"], track["type"]))
     tracks, scene = LoadedTable.of(path, pd.DataFrame(rows, columns=COLUMNS)), f"womd_{name}"
     mapping = tracks.meaning(KINDS, rate_hz=RATE_HZ)
     recorder = (content.get("metadata") or {}).get("sdc_track_index", -1)
@@ -145,10 +145,10 @@ def lanes_of(content: Mapping[str, Any], path: Path) -> LaneGraph:
         for road in roads
         if (name := str(road["id"])) in lines
     ]
-    known = any("exit_lanes" in road for road in roads)
+    has_exits = any("exit_lanes" in road for road in roads)
     notes = [f"{bikes} lanes of bicycles are no lanes of vehicles"] if bikes else []
-    notes += [] if known else ["the file does not say which lanes follow each other: their ends decide"]
-    return LaneGraph(tuple(linked(lanelets, ends=not known)), notes=tuple(notes))
+    notes += [] if has_exits else ["the file does not say which lanes follow each other: their ends decide"]
+    return LaneGraph(tuple(linked(lanelets, ends=not has_exits)), notes=tuple(notes))
 
 
 def _widths(lines: Mapping[str, np.ndarray]) -> dict[str, float]:
@@ -156,16 +156,16 @@ def _widths(lines: Mapping[str, np.ndarray]) -> dict[str, float]:
     names = [*lines]
     middles = np.array([at_shares(line[:, :2], np.array([0.5]))[0] for line in lines.values()])
     widths = {}
-    for at, name in enumerate(names):
+    for index, name in enumerate(names):
         line = lines[name][:, :2]
         half = len(line) // 2
         step = line[min(half + 1, len(line) - 1)] - line[max(half - 1, 0)]
         course = float(np.arctan2(step[1], step[0]))
         beside = []
-        for other in np.flatnonzero(np.hypot(*(middles - middles[at]).T) <= 200.0).tolist():
-            if other == at:
+        for other in np.flatnonzero(np.hypot(*(middles - middles[index]).T) <= 200.0).tolist():
+            if other == index:
                 continue
-            away = lines[names[other]][:, :2] - middles[at]
+            away = lines[names[other]][:, :2] - middles[index]
             ahead, left = to_body(away[:, 0], away[:, 1], np.array(course))
             near = np.abs(ahead) < 1.0
             if near.any():
@@ -235,7 +235,9 @@ def _lane(name: int, lane: Fields) -> dict[str, Any]:
         "id": name,
         "map_element_id": _whole(lane, 2),
         "speed_limit_mph": _double(lane, 1),
-        "geometry": [{axis: _double(point, at) for axis, at in zip("xyz", (1, 2, 3), strict=True)} for point in points],
+        "geometry": [
+            {axis: _double(point, number) for axis, number in zip("xyz", (1, 2, 3), strict=True)} for point in points
+        ],
         "entry_lanes": _packed(lane, 9),
         "exit_lanes": _packed(lane, 10),
     }
@@ -257,4 +259,6 @@ def _float(message: Fields, number: int) -> float:
 
 
 def _packed(message: Fields, number: int) -> list[int]:
-    return [one for value in message.get(number, []) for one in ([value] if isinstance(value, int) else varints(value))]
+    return [
+        item for value in message.get(number, []) for item in ([value] if isinstance(value, int) else varints(value))
+    ]

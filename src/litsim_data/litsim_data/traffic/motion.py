@@ -114,9 +114,9 @@ def _path(
     ahead = np.searchsorted(odometer, min(odometer[0] + 5.0, odometer[-1]))
     back = (front[0] - front[ahead]) / max(float(np.hypot(*(front[0] - front[ahead]))), STANDING)
     points = np.concatenate([[front[0] + back * (length + reach)], front])
-    at = np.concatenate([[odometer[0] - length - reach], odometer])
-    grid = np.arange(at[0], at[-1] + PATH_STEP, PATH_STEP)
-    raw = np.stack([np.interp(grid, at, points[:, i]) for i in range(2)])
+    travelled = np.concatenate([[odometer[0] - length - reach], odometer])
+    grid = np.arange(travelled[0], travelled[-1] + PATH_STEP, PATH_STEP)
+    raw = np.stack([np.interp(grid, travelled, points[:, i]) for i in range(2)])
     turning = _turning(raw)
     x, y = (
         (1.0 - turning) * smooth(line, smoothness.path_filter / PATH_STEP)

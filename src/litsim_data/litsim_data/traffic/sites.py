@@ -41,11 +41,11 @@ def _urban_routes() -> tuple[Route, ...]:
     routes: list[Route] = []
 
     def follow(nodes: tuple[str, ...], flow: float) -> None:
-        at, came = nodes[-1], nodes[-2]
-        if at not in ring:
+        node, came = nodes[-1], nodes[-2]
+        if node not in ring:
             routes.append(Route(tuple(f"{start}{end}" for start, end in pairwise(nodes)), flow))
             return
-        arms = ring[at]
+        arms = ring[node]
         for turn, share in ((1, LEFT), (2, THROUGH), (3, RIGHT)):
             follow((*nodes, arms[(arms.index(came) + turn) % 4]), flow * share)
 

@@ -173,9 +173,9 @@ def _signals(site: Site, observation: Observation, seconds: float) -> dict[str, 
 def _lane_from_left(site: Site, table: pd.DataFrame) -> np.ndarray:
     """Returns the lane (n,) of each row, counted from the left edge of its road, 1 first; -1 inside junctions."""
     lane_map = LaneMap.from_net(site.net)
-    at = lane_map.nearest(*(table[name].to_numpy() for name in ("x", "y", "yaw")))
+    nearest = lane_map.nearest(*(table[name].to_numpy() for name in ("x", "y", "yaw")))
     numbers = [
         -1 if lane.is_internal else site.lane_of_edge.get(lane.edge_id, from_left)
         for lane, from_left in zip(lane_map.lanes, lanes_from_left(lane_map.lanes), strict=True)
     ]
-    return np.array(numbers)[at.lane]
+    return np.array(numbers)[nearest.lane]

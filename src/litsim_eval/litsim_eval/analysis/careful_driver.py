@@ -74,7 +74,7 @@ def careful_driver(
     """
     whole = Steps.of(tables)
     since = (whole.step - contact_step) * dt
-    begin, end = (int(np.argmax([*at, True])) for at in (since >= -LOOK_BACK_S, since > LOOK_ON_S))
+    begin, end = (int(np.argmax([*is_over, True])) for is_over in (since >= -LOOK_BACK_S, since > LOOK_ON_S))
     steps = whole.part(begin, end)
     rows = steps.rows_of(np.array([driven, agent]))
     near = rows.min(axis=1) >= 0
@@ -92,7 +92,7 @@ def careful_driver(
     path = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(own_x), np.diff(own_y)))])
     s = _braked(table.speed[own].tolist(), path.tolist(), ((step - perceived) * dt).tolist())
     x, y, yaw = (np.interp(s, path, values) for values in (own_x, own_y, np.unwrap(table.yaw[own])))
-    own_size, other_size = ((table.length[at], table.width[at]) for at in (own, other))
+    own_size, other_size = ((table.length[rows], table.width[rows]) for rows in (own, other))
     hits = boxes_overlap(other_x - x, other_y - y, yaw, table.yaw[other], own_size, other_size)
     return CarefulDriver(perceived, avoided=not hits.any())
 
@@ -171,9 +171,9 @@ def risky(table: AgentRows, own: IntArray, other: IntArray, lane_map: LaneMap | 
     risky = times_to_collision(pairs, e) <= TTC_S
     if lane_map is None:
         return risky
-    at = lane_map.nearest(pairs.x, pairs.y, pairs.yaw)
-    _, left = to_body(pairs.x[e] - pairs.x[a], pairs.y[e] - pairs.y[a], at.heading[a])
-    towards = np.sign(left) * at.d[a]
-    across = np.abs(left + at.d[a])  # distance from the centre of the other vehicle's lane [m]
-    width = lane_map.widths[at.lane[a]]
-    return risky | ((at.lane[e] != at.lane[a]) & (towards > WANDERING) & (across < NEXT_LANE * width))
+    nearest = lane_map.nearest(pairs.x, pairs.y, pairs.yaw)
+    _, left = to_body(pairs.x[e] - pairs.x[a], pairs.y[e] - pairs.y[a], nearest.heading[a])
+    towards = np.sign(left) * nearest.d[a]
+    across = np.abs(left + nearest.d[a])  # distance from the centre of the other vehicle's lane [m]
+    width = lane_map.widths[nearest.lane[a]]
+    return risky | ((nearest.lane[e] != nearest.lane[a]) & (towards > WANDERING) & (across < NEXT_LANE * width))

@@ -98,12 +98,12 @@ def total(values: Sequence[float | None]) -> float | None:
 
 def known_total(values: Sequence[float | None]) -> float | None:
     """Returns the sum of the known `values`; None if there are none."""
-    return sum(known) if (known := _known(values)) else None
+    return sum(numbers) if (numbers := _known(values)) else None
 
 
 def mean(values: Sequence[float | None]) -> float | None:
     """Returns the mean of the known `values`; None if there are none."""
-    return float(np.mean(known)) if (known := _known(values)) else None
+    return float(np.mean(numbers)) if (numbers := _known(values)) else None
 
 
 def least(values: Sequence[float | None]) -> float | None:
@@ -118,7 +118,7 @@ def largest(values: Sequence[float | None]) -> float | None:
 
 def middle(values: Sequence[float | None]) -> float | None:
     """Returns the median of the known `values`; None if there are none."""
-    return float(np.median(known)) if (known := _known(values)) else None
+    return float(np.median(numbers)) if (numbers := _known(values)) else None
 
 
 def _known(values: Sequence[float | None]) -> list[float]:

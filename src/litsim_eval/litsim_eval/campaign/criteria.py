@@ -83,7 +83,9 @@ class Limits(BaseModel):
     def limit(self) -> str:
         """The limits as text, such as ``at least 1``."""
         bounds = [
-            f"{said} {bound:g}" for said, bound in (("at least", self.min), ("at most", self.max)) if bound is not None
+            f"{wording} {bound:g}"
+            for wording, bound in (("at least", self.min), ("at most", self.max))
+            if bound is not None
         ]
         return " and ".join(bounds) or (
             _as_text(self.equals) if self.one_of is None else f"one of {', '.join(map(_as_text, self.one_of))}"

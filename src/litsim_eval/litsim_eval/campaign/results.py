@@ -102,8 +102,8 @@ def _told(criterion: CriterionResult, metrics: Mapping[str, Any]) -> CriterionRe
     """Returns the result of a criterion with what happened as its reason, where it is not met."""
     if criterion.passed:
         return criterion
-    said = what_happened(criterion.field, criterion.value, criterion.limit, metrics)
-    return replace(criterion, reason=said or f"{criterion.name}: {criterion.reason}")
+    sentence = what_happened(criterion.field, criterion.value, criterion.limit, metrics)
+    return replace(criterion, reason=sentence or f"{criterion.name}: {criterion.reason}")
 
 
 def rerun_command(campaign: Path, case: Case) -> str:

@@ -83,9 +83,9 @@ def search(arguments: argparse.Namespace) -> int:
     Raises:
         InputError: an argument or a file cannot be used; raised before the first run.
     """
-    known = {name for parameter in PARAMETERS for name in (parameter.name, parameter.kind)}
-    if unknown := [name for name in arguments.change if name not in known]:
-        raise InputError(f"--change {not_among(unknown, sorted(known))}")
+    names = {name for parameter in PARAMETERS for name in (parameter.name, parameter.kind)}
+    if unknown := [name for name in arguments.change if name not in names]:
+        raise InputError(f"--change {not_among(unknown, sorted(names))}")
     people = People.of(arguments.people) if arguments.people else People.load()
     if arguments.save_people is not None:
         people.write(arguments.save_people)
@@ -163,10 +163,15 @@ def _print_parameters(people: People) -> None:
         table.add_column(name, no_wrap=name != "what it is")
     for parameter in PARAMETERS:
         habit = people.habit(parameter)
-        at = [f"{habit.value(distance):.2f}" for distance in (1.0, 2.0, 3.0)]
+        values = [f"{habit.value(distance):.2f}" for distance in (1.0, 2.0, 3.0)]
         moments = str(habit.moments) if habit.moments else "declared"
         table.add_row(
-            parameter.name, parameter.unit, f"{parameter.low:g} to {parameter.high:g}", *at, moments, parameter.about
+            parameter.name,
+            parameter.unit,
+            f"{parameter.low:g} to {parameter.high:g}",
+            *values,
+            moments,
+            parameter.about,
         )
     console_of().print(table)
     rare = ", ".join(f"{act} {rate.distance(LOOK_S):.2f}" for act, rate in people.rates.items())

@@ -104,9 +104,11 @@ def _subtitle(campaign: Campaign) -> str:
         ("policies", "background by", [case.policy for case in cases]),
     )
     texts = [f"{len(campaign.results)} of {len(cases)} runs" if campaign.missing else f"{len(cases)} runs"]
-    for several, one, names in parts:
+    for several, singular, names in parts:
         different = list(dict.fromkeys(names))
-        texts.append(f"{one} {', '.join(different)}" if len(different) <= NAMES_MAX else f"{len(different)} {several}")
+        texts.append(
+            f"{singular} {', '.join(different)}" if len(different) <= NAMES_MAX else f"{len(different)} {several}"
+        )
     return " · ".join(texts)
 
 

@@ -57,9 +57,9 @@ class RecordedAnalysis:
             criteria = judge(metrics, self._criteria)
             missed = [criterion.reason for criterion in criteria if not criterion.passed]
             status = EXIT_FAILED if missed else 0
-            said = Verdict.FAILED if missed else Verdict.PASSED
-            verdict = verdict_text(said.value, "; ".join(missed), criteria)
-            print("\n".join(f"{said.value}  {reason}" for reason in missed) or said.value, file=sys.stderr)
+            name = (Verdict.FAILED if missed else Verdict.PASSED).value
+            verdict = verdict_text(name, "; ".join(missed), criteria)
+            print("\n".join(f"{name}  {reason}" for reason in missed) or name, file=sys.stderr)
         write_text(out / REPORT_FILE, render(run, metrics, verdict))
         if not quiet:
             print_metrics(metrics)

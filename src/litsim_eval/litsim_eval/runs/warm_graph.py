@@ -167,9 +167,9 @@ class WarmGraph:
         """Write to `log` what the stack has said since the last run."""
         if self._stack is None:
             return
-        said = self._stack.log.read_bytes()
-        log.write_bytes(said[self._said :])
-        self._said = len(said)
+        content = self._stack.log.read_bytes()
+        log.write_bytes(content[self._said :])
+        self._said = len(content)
 
 
 @contextmanager

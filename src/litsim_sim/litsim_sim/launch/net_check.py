@@ -30,9 +30,9 @@ def begin_net_check(net: Path) -> Callable[[], None]:
     process = begin_loading(net, "--no-warnings")
 
     def check() -> None:
-        said = process.communicate()[1]
+        output = process.communicate()[1]
         if process.returncode:
-            reasons = [line.removeprefix(MARK) for line in said.splitlines() if line.startswith(MARK)]
+            reasons = [line.removeprefix(MARK) for line in output.splitlines() if line.startswith(MARK)]
             why = " ".join(reasons[:REASONS_MAX]) or f"it {how_it_ended(process.returncode)}"
             raise InputError(f"{net}: SUMO cannot load the net: {why}")
         if mark:

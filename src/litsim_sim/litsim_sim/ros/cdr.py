@@ -100,13 +100,13 @@ def _several(value_type: Any, count: int = 0) -> Callable[..., int]:
     """Steps over `count` values, or as many as it is told."""
     if isinstance(value_type, idl.BasicType):
         return _primitives(_SIZES[value_type.typename], count)
-    each = _value(value_type)
+    skip = _value(value_type)
 
     def walk(buffer: bytearray, offset: int, count: int = count) -> int:
         for _ in range(count):
             if offset > len(buffer):
                 break
-            offset = each(buffer, offset)
+            offset = skip(buffer, offset)
         return offset
 
     return walk

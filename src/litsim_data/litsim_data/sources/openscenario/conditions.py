@@ -71,7 +71,9 @@ class Seen:
         cos, sin = np.cos(self.poses[:, 2:]), np.sin(self.poses[:, 2:])
         x = self.poses[:, :1] + cos * corners[:, 0] - sin * corners[:, 1]
         y = self.poses[:, 1:2] + sin * corners[:, 0] + cos * corners[:, 1]
-        return np.array([shapely.Polygon(one) if np.isfinite(one).all() else None for one in np.stack([x, y], axis=2)])
+        return np.array(
+            [shapely.Polygon(outline) if np.isfinite(outline).all() else None for outline in np.stack([x, y], axis=2)]
+        )
 
 
 class Conditions:
@@ -105,7 +107,7 @@ class Conditions:
         """
         kind = child(condition, "EntityCondition/*")
         group = child(condition, "TriggeringEntities")
-        names = [one.get("entityRef", "") for one in group.findall("EntityRef")]
+        names = [entity.get("entityRef", "") for entity in group.findall("EntityRef")]
         if not names:
             raise UnreadError(f"element {kind.tag} has no triggering entities")
         held = np.array([KINDS[kind.tag](self, self._seen(name), kind) for name in names])
@@ -129,101 +131,101 @@ class Conditions:
         np.divide(gap, speed, out=times, where=(gap >= 0.0) & (speed > STANDING))
         return self._compared(times, condition)
 
-    def speed(self, one: Seen, condition: ET.Element) -> BoolArray:
+    def speed(self, subject: Seen, condition: ET.Element) -> BoolArray:
         """Returns at which frames (n,) a SpeedCondition holds; as those below."""
-        return self._compared_along(one.speed, condition)
+        return self._compared_along(subject.speed, condition)
 
-    def acceleration(self, one: Seen, condition: ET.Element) -> BoolArray:
+    def acceleration(self, subject: Seen, condition: ET.Element) -> BoolArray:
         """AccelerationCondition."""
-        ends_at_once = len(one.speed) < 2
-        change = np.full(len(one.speed), np.nan) if ends_at_once else np.gradient(one.speed, STEP_S)
+        ends_at_once = len(subject.speed) < 2
+        change = np.full(len(subject.speed), np.nan) if ends_at_once else np.gradient(subject.speed, STEP_S)
         return self._compared_along(change, condition)
 
-    def stand_still(self, one: Seen, condition: ET.Element) -> BoolArray:
+    def stand_still(self, subject: Seen, condition: ET.Element) -> BoolArray:
         """StandStillCondition."""
-        return lasting_for(one.speed < STANDING, number(condition, "duration"))
+        return lasting_for(subject.speed < STANDING, number(condition, "duration"))
 
-    def end_of_road(self, one: Seen, condition: ET.Element) -> BoolArray:
+    def end_of_road(self, subject: Seen, condition: ET.Element) -> BoolArray:
         """EndOfRoadCondition."""
-        times = STEP_S * np.arange(len(one.poses))
-        return np.asarray(times >= one.lanes_until + number(condition, "duration"), np.bool_)
+        times = STEP_S * np.arange(len(subject.poses))
+        return np.asarray(times >= subject.lanes_until + number(condition, "duration"), np.bool_)
 
-    def travelled(self, one: Seen, condition: ET.Element) -> BoolArray:
+    def travelled(self, subject: Seen, condition: ET.Element) -> BoolArray:
         """TraveledDistanceCondition."""
-        return np.asarray(one.travelled >= number(condition, "value"), np.bool_)
+        return np.asarray(subject.travelled >= number(condition, "value"), np.bool_)
 
-    def reach(self, one: Seen, condition: ET.Element) -> BoolArray:
+    def reach(self, subject: Seen, condition: ET.Element) -> BoolArray:
         """ReachPositionCondition."""
-        return np.asarray(self._away(one, condition) <= number(condition, "tolerance"), np.bool_)
+        return np.asarray(self._away(subject, condition) <= number(condition, "tolerance"), np.bool_)
 
-    def distance(self, one: Seen, condition: ET.Element) -> BoolArray:
+    def distance(self, subject: Seen, condition: ET.Element) -> BoolArray:
         """DistanceCondition."""
         if condition.get("freespace") == "true" or condition.get("relativeDistanceType") not in (None, *CARTESIAN):
             raise UnreadError(f"element {condition.tag}: freespace and distances along a road or lane are not read")
-        return self._compared(self._away(one, condition), condition)
+        return self._compared(self._away(subject, condition), condition)
 
-    def _away(self, one: Seen, condition: ET.Element) -> FloatArray:
+    def _away(self, subject: Seen, condition: ET.Element) -> FloatArray:
         """Returns distances (n,) [m] from a position, which may be relative to another entity."""
         position = child(condition, "Position")
         if position.find(".//*[@entityRef]") is None:
             (x, y, _), _ = self._positions.pose(position, 0.0)
-            return np.hypot(one.poses[:, 0] - x, one.poses[:, 1] - y)
+            return np.hypot(subject.poses[:, 0] - x, subject.poses[:, 1] - y)
         raise UnreadError(f"element {condition.tag}: positions that move are not read")
 
-    def collision(self, one: Seen, condition: ET.Element) -> BoolArray:
+    def collision(self, subject: Seen, condition: ET.Element) -> BoolArray:
         """CollisionCondition."""
         other = self._seen(child(condition, "EntityRef").get("entityRef", ""))
-        return np.asarray(shapely.intersects(one.boxes, other.boxes), np.bool_)
+        return np.asarray(shapely.intersects(subject.boxes, other.boxes), np.bool_)
 
-    def relative_speed(self, one: Seen, condition: ET.Element) -> BoolArray:
+    def relative_speed(self, subject: Seen, condition: ET.Element) -> BoolArray:
         """RelativeSpeedCondition."""
-        return self._compared(_closing(one, self._seen(condition.get("entityRef", ""))), condition)
+        return self._compared(_closing(subject, self._seen(condition.get("entityRef", ""))), condition)
 
-    def relative_distance(self, one: Seen, condition: ET.Element) -> BoolArray:
+    def relative_distance(self, subject: Seen, condition: ET.Element) -> BoolArray:
         """RelativeDistanceCondition."""
         other, kind = self._seen(condition.get("entityRef", "")), condition.get("relativeDistanceType")
         free = condition.get("freespace") == "true"
         if kind in CARTESIAN:
-            apart = np.hypot(*(other.poses - one.poses)[:, :2].T)
-            return self._compared(shapely.distance(one.boxes, other.boxes) if free else apart, condition)
+            apart = np.hypot(*(other.poses - subject.poses)[:, :2].T)
+            return self._compared(shapely.distance(subject.boxes, other.boxes) if free else apart, condition)
         if kind == "longitudinal":
-            return self._compared(np.abs(self._gap(one, other, condition)), condition)
+            return self._compared(np.abs(self._gap(subject, other, condition)), condition)
         if kind == "lateral" and not free and condition.get("coordinateSystem") in (None, "entity"):
-            return self._compared(np.abs(_seen_from(one, other)[1]), condition)
+            return self._compared(np.abs(_seen_from(subject, other)[1]), condition)
         raise UnreadError(f"element {condition.tag}: {kind} distances of this kind are not read")
 
-    def headway(self, one: Seen, condition: ET.Element) -> BoolArray:
+    def headway(self, subject: Seen, condition: ET.Element) -> BoolArray:
         """TimeHeadwayCondition: of who is ahead."""
-        gap = self._gap(one, self._seen(condition.get("entityRef", "")), condition)
-        return self._compared_until(gap, one.speed, condition)
+        gap = self._gap(subject, self._seen(condition.get("entityRef", "")), condition)
+        return self._compared_until(gap, subject.speed, condition)
 
-    def time_to_collision(self, one: Seen, condition: ET.Element) -> BoolArray:
+    def time_to_collision(self, subject: Seen, condition: ET.Element) -> BoolArray:
         """TimeToCollisionCondition: with who is ahead and slower."""
         target = child(condition, "TimeToCollisionConditionTarget/*")
         if target.tag != "EntityRef":
             raise UnreadError(f"element {condition.tag}: a target that is a position is not read")
         other = self._seen(target.get("entityRef", ""))
-        return self._compared_until(self._gap(one, other, condition), _closing(one, other), condition)
+        return self._compared_until(self._gap(subject, other, condition), _closing(subject, other), condition)
 
-    def _gap(self, one: Seen, other: Seen, condition: ET.Element) -> FloatArray:
+    def _gap(self, subject: Seen, other: Seen, condition: ET.Element) -> FloatArray:
         """Returns how far ahead (n,) [m] another entity is, below 0 behind: of its reference point, or free space."""
         system = condition.get("coordinateSystem", "road" if condition.get("alongRoute") == "true" else "entity")
         if system == "entity":
-            ahead = _seen_from(one, other)[0]
+            ahead = _seen_from(subject, other)[0]
         elif system in ("road", "lane"):
-            ahead = self._along_road(one, other)
+            ahead = self._along_road(subject, other)
         else:
             raise UnreadError(f"element {condition.tag}: coordinateSystem {system} is not read")
         if condition.get("freespace") != "true":
             return ahead
-        oncoming = np.where(np.cos(other.poses[:, 2] - one.poses[:, 2]) < 0.0, -1.0, 1.0)
-        between = ahead + oncoming * other.box[0] - one.box[0]
-        return np.sign(between) * np.maximum(np.abs(between) - 0.5 * (one.box[2] + other.box[2]), 0.0)
+        oncoming = np.where(np.cos(other.poses[:, 2] - subject.poses[:, 2]) < 0.0, -1.0, 1.0)
+        between = ahead + oncoming * other.box[0] - subject.box[0]
+        return np.sign(between) * np.maximum(np.abs(between) - 0.5 * (subject.box[2] + other.box[2]), 0.0)
 
-    def _along_road(self, one: Seen, other: Seen) -> FloatArray:
+    def _along_road(self, subject: Seen, other: Seen) -> FloatArray:
         """Returns how far ahead (n,) [m] another entity is along the road, for which both have to be on one."""
-        ahead = np.full(len(one.poses), np.nan)
-        for row, (mine, its) in enumerate(zip(one.poses, other.poses, strict=True)):
+        ahead = np.full(len(subject.poses), np.nan)
+        for row, (mine, its) in enumerate(zip(subject.poses, other.poses, strict=True)):
             if np.isfinite(mine).all() and np.isfinite(its).all():
                 here, there = (self._roads().place(*map(float, pose)) for pose in (mine, its))
                 if here is None or there is None:
@@ -266,12 +268,12 @@ def lasting_for(held: BoolArray, seconds: float) -> BoolArray:
     return np.asarray(held & ((frames - since - 1) * STEP_S >= seconds - 1e-9), np.bool_)
 
 
-def _closing(one: Seen, other: Seen) -> FloatArray:
+def _closing(subject: Seen, other: Seen) -> FloatArray:
     """Returns how much faster (n,) [m/s] an entity is than another one is along its heading."""
-    return one.speed - other.speed * np.cos(other.poses[:, 2] - one.poses[:, 2])
+    return subject.speed - other.speed * np.cos(other.poses[:, 2] - subject.poses[:, 2])
 
 
-def _seen_from(one: Seen, other: Seen) -> tuple[FloatArray, FloatArray]:
+def _seen_from(subject: Seen, other: Seen) -> tuple[FloatArray, FloatArray]:
     """Returns how far ahead and left (n,) [m] of an entity another one is."""
-    away = (other.poses - one.poses)[:, :2]
-    return to_body(away[:, 0], away[:, 1], one.poses[:, 2])
+    away = (other.poses - subject.poses)[:, :2]
+    return to_body(away[:, 0], away[:, 1], subject.poses[:, 2])

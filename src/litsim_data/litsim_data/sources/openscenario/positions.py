@@ -235,8 +235,10 @@ def _with_courses(poses: list[tuple[Pose, bool]]) -> FloatArray:
 def _from(track: Track, begin: float) -> Track:
     """Returns the part of a track from a time on."""
     later = track.times > begin
-    at = np.array([begin])
-    return track if later.all() else Track(np.r_[at, track.times[later]], np.vstack([track.at(at), track.poses[later]]))
+    if later.all():
+        return track
+    times = np.r_[begin, track.times[later]]
+    return Track(times, np.vstack([track.at(times[:1]), track.poses[later]]))
 
 
 def _in_lane(road: Road, lane: int, s: float, offset: float) -> tuple[float, float, float, float]:

@@ -51,8 +51,8 @@ class Storyboard:
         for element in root.iter():
             self._by_name.setdefault((element.tag.lower(), element.get("name", "")), []).append(element)
         self._values = {
-            one.get("name", ""): one.get("value", "")
-            for one in root.findall("ParameterDeclarations/ParameterDeclaration")
+            declaration.get("name", ""): declaration.get("value", "")
+            for declaration in root.findall("ParameterDeclarations/ParameterDeclaration")
         }
         self._times: dict[Key, tuple[float, bool] | None] = {}
         """When elements start, end and stop [s], and whether that depends on where entities are; None meanwhile."""
@@ -114,8 +114,8 @@ class Storyboard:
 
     def decidable(self) -> list[Key]:
         """Returns what may be decided: starts of acts and events, and stops of acts and of the storyboard."""
-        starts = [("start", one) for tag in ("Act", "Event") for one in self._root.iter(tag)]
-        return [*starts, *(("stop", one) for tag in ("Act", "Storyboard") for one in self._root.iter(tag))]
+        starts = [("start", element) for tag in ("Act", "Event") for element in self._root.iter(tag)]
+        return [*starts, *(("stop", element) for tag in ("Act", "Storyboard") for element in self._root.iter(tag))]
 
     def around(self, element: ET.Element) -> ET.Element:
         """Returns the element that directly holds another one."""

@@ -89,7 +89,7 @@ def child(element: ET.Element, path: str) -> ET.Element:
 
 def entity_in(scenario_object: ET.Element) -> ET.Element:
     """Returns the vehicle, pedestrian or other object that an element ScenarioObject holds."""
-    return next((one for one in scenario_object if one.tag != "ObjectController"), scenario_object)
+    return next((element for element in scenario_object if element.tag != "ObjectController"), scenario_object)
 
 
 def box_of(scenario_object: ET.Element) -> tuple[float, float, float, float]:
@@ -174,7 +174,9 @@ def _fill_tree(root: ET.Element, catalogs: Mapping[tuple[str, str], ET.Element])
                 entry = catalogs.get((part.get("catalogName", ""), part.get("entryName", "")))
                 if entry is not None:
                     assignments = part.findall("ParameterAssignments/ParameterAssignment")
-                    own = {one.get("parameterRef", ""): one.get("value", "") for one in assignments}
+                    own = {
+                        assignment.get("parameterRef", ""): assignment.get("value", "") for assignment in assignments
+                    }
                     left -= sum(1 for _ in entry.iter())
                     if left < 0:
                         raise UnreadError(f"its catalog references stand for more than {COPIED_MAX} elements")

@@ -171,8 +171,8 @@ class _Encounter:
 
     def may_not_have_seen(self, cause: Cause, step: int) -> bool:
         """Returns whether it excuses the ego, at a step, that it could not see the other before."""
-        at = min(int(self.step.searchsorted(step)), len(self.step) - 1)
-        feels_its_way = bool(self.ego.speed[at] <= WALKING_MPS)
+        row = min(int(self.step.searchsorted(step)), len(self.step) - 1)
+        feels_its_way = bool(self.ego.speed[row] <= WALKING_MPS)
         return cause != Cause.RED_LIGHT and (cause != Cause.RIGHT_OF_WAY or feels_its_way)
 
     def at_once(self, perceived_step: int) -> bool:
@@ -181,9 +181,9 @@ class _Encounter:
 
     def ahead_at(self, step: int) -> bool:
         """Returns whether all of the other was ahead of the ego's front at a step."""
-        at = min(int(self.step.searchsorted(step)), len(self.step) - 1)
+        row = min(int(self.step.searchsorted(step)), len(self.step) - 1)
         ahead, _ = to_body(self.other.x - self.ego.x, self.other.y - self.ego.y, self.ego.yaw)
-        return bool(ahead[at] > 0.5 * (self.ego.length[at] + self.other.length[at]))
+        return bool(ahead[row] > 0.5 * (self.ego.length[row] + self.other.length[row]))
 
     @property
     def in_way_s(self) -> float:

@@ -222,8 +222,8 @@ def handbacks(run: Run) -> list[Handback]:
         held = held[steps.follows[table.number[held] + 1]]
         after = steps.rows_at(table.number[held] + 1, table.id[held])
         back = held[(after >= 0) & (table.controller[after] == Controller.LOG)]
-        at = zip((begin + table.number[back]).tolist(), table.id[back].tolist(), strict=True)
-        returns += [_handback(run, index, agent) for index, agent in at]
+        pairs = zip((begin + table.number[back]).tolist(), table.id[back].tolist(), strict=True)
+        returns += [_handback(run, index, agent) for index, agent in pairs]
     return returns
 
 
@@ -331,11 +331,11 @@ def _opponent_place(run: Run, first: Takeover) -> Place | None:
 
 def _both(run: Run, step: int, agent: int, other: int) -> AgentTable | None:
     """Returns the two agents at `step`, in this order; None if either is missing."""
-    at = int(run.steps.step.searchsorted(step))
-    if at == len(run.tables) or run.tables[at].step != step:
+    row = int(run.steps.step.searchsorted(step))
+    if row == len(run.tables) or run.tables[row].step != step:
         return None
-    rows = run.tables[at].rows(np.array([agent, other]))
-    return run.tables[at].take(rows) if rows.min() >= 0 else None
+    rows = run.tables[row].rows(np.array([agent, other]))
+    return run.tables[row].take(rows) if rows.min() >= 0 else None
 
 
 def _own_intent_step(episode: Episode) -> int | None:
@@ -390,10 +390,10 @@ def _largest(jumps: Iterable[Jump]) -> Jump:
 
 def _logged(run: Run, index: int, agent: int, lag: int) -> AgentTable | None:
     """Returns the log `lag` steps before the table at `index`; None if it is missing or lacks `agent`."""
-    at = index - lag
-    if not run.log or at < 0 or run.log[at].step != run.tables[index].step - lag:
+    row = index - lag
+    if not run.log or row < 0 or run.log[row].step != run.tables[index].step - lag:
         return None
-    return run.log[at] if run.log[at].row(agent) >= 0 else None
+    return run.log[row] if run.log[row].row(agent) >= 0 else None
 
 
 def _from_log(run: Run, index: int, agent: int, lag: int) -> float | None:

@@ -45,8 +45,8 @@ class Scene:
 def cut_scene(tracks: Tracks, rows: IntArray, raster: MapRaster | None = None) -> Scene:
     """Returns the scene of the vehicles in `rows` of one frame; `raster` replaces the map of `tracks` unless None."""
     past, observed = tracks.history(rows)
-    later, known = tracks.future(rows)
-    known &= ~tracks.is_line[rows, None]
+    later, recorded = tracks.future(rows)
+    recorded &= ~tracks.is_line[rows, None]
     inputs = agent_inputs(
         tracks.motion[past], observed, tracks.size[rows], tracks.heading[rows], raster or tracks.raster
     )
@@ -54,7 +54,7 @@ def cut_scene(tracks: Tracks, rows: IntArray, raster: MapRaster | None = None) -
     future = np.stack(to_body(tracks.motion[later, 0] - x, tracks.motion[later, 1] - y, heading), axis=-1)
     return Scene(
         inputs=inputs,
-        future=np.where(known[..., None], future, 0.0),
-        future_known=known,
+        future=np.where(recorded[..., None], future, 0.0),
+        future_known=recorded,
         target=tracks.learnable[rows],
     )

@@ -160,17 +160,17 @@ def _around_each(scene: Scene, roi_m: float) -> list[Scene]:
 def _stack(scenes: Sequence[Scene]) -> SceneBatch:
     batch = inputs_batch([scene.inputs for scene in scenes], [scene.lane_frames for scene in scenes])
     future = np.zeros((*batch.agent.shape, HORIZON, 2), np.float32)
-    known = np.zeros((*batch.agent.shape, HORIZON), np.bool_)
+    recorded = np.zeros((*batch.agent.shape, HORIZON), np.bool_)
     target = np.zeros(tuple(batch.agent.shape), np.bool_)
     for k, scene in enumerate(scenes):
         n = len(scene.target)
-        future[k, :n], known[k, :n], target[k, :n] = scene.future, scene.future_known, scene.target
+        future[k, :n], recorded[k, :n], target[k, :n] = scene.future, scene.future_known, scene.target
     truth = torch.from_numpy(future)
     return replace(
         batch,
         future=truth,
-        future_known=torch.from_numpy(known),
-        maneuver=maneuvers_of(truth, torch.from_numpy(known), batch.state[..., 2]),
+        future_known=torch.from_numpy(recorded),
+        maneuver=maneuvers_of(truth, torch.from_numpy(recorded), batch.state[..., 2]),
         target=torch.from_numpy(target),
     )
 

@@ -126,10 +126,10 @@ class Tracks:
     @cached_property
     def learnable(self) -> BoolArray:
         """(R,) mask of the targets of which a model's horizon holds at least one step."""
-        rows, known = np.flatnonzero(self.target), np.zeros(len(self), np.bool_)
+        rows, learnable = np.flatnonzero(self.target), np.zeros(len(self), np.bool_)
         for step in range(STRIDE, STRIDE * HORIZON + 1, STRIDE):
-            known[rows] |= self.window(rows, np.array([step]))[1][:, 0]
-        return known
+            learnable[rows] |= self.window(rows, np.array([step]))[1][:, 0]
+        return learnable
 
     @cached_property
     def _by_frame(self) -> tuple[IntArray, IntArray]:
@@ -139,16 +139,16 @@ class Tracks:
     def rows_at(self, frame: int) -> IntArray:
         """Returns the rows of the vehicles in `frame`, by ascending id; none in a frame without vehicles."""
         order, first = self._by_frame
-        at = int(np.searchsorted(self.frames, frame))
-        if at == len(self.frames) or self.frames[at] != frame:
+        index = int(np.searchsorted(self.frames, frame))
+        if index == len(self.frames) or self.frames[index] != frame:
             return np.empty(0, np.int64)
-        return order[first[at] : first[at + 1]]
+        return order[first[index] : first[index + 1]]
 
     def window(self, rows: IntArray, steps: IntArray) -> tuple[IntArray, BoolArray]:
         """Returns rows (n, m) of the vehicles in `rows` (n,) `steps` (m,) frames later, and a mask of valid ones."""
         key = self._key(self.vehicle[rows][:, None], self.frame[rows][:, None] + steps)
-        at = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
-        return at, self._keys[at] == key
+        places = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
+        return places, self._keys[places] == key
 
     def history(self, rows: IntArray) -> tuple[IntArray, BoolArray]:
         """Returns the rows (n, HISTORY) at the steps of a model's history, as :meth:`window` gives them."""
