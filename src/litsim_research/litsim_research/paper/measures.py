@@ -144,8 +144,8 @@ def figure(parts: Parts) -> Figure | None:
         return None
     draws = sorted({part.draw for part in parts.values()})
     by_draw = [_ratio([part for part in parts.values() if part.draw == draw]) for draw in draws]
-    ratios = [ratio for ratio in by_draw if ratio is not None]
-    return Figure(value, float(np.std(ratios, ddof=1)) if len(ratios) > 1 else None)
+    known = [ratio for ratio in by_draw if ratio is not None]
+    return Figure(value, float(np.std(known, ddof=1)) if len(known) > 1 else None)
 
 
 def interval(ours: Parts, theirs: Parts) -> tuple[float, float] | None:
