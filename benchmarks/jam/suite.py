@@ -48,7 +48,7 @@ def write_net(path: Path) -> None:
     for name, begin, end in (("approach", "begin", "light"), ("beyond", "light", "end")):
         lanes = {"numLanes": str(LANES), "width": str(LANE_WIDTH), "speed": "36", "spreadType": "right"}
         ET.SubElement(edges, "edge", {"id": name, "from": begin, "to": end, **lanes})
-    build_net({"node": nodes, "edge": edges}, path)
+    build_net({"node": nodes, "edge": edges}, path, [], {})
 
 
 def queue(standing: dict[int, float]) -> Iterator[pd.DataFrame]:
