@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import campaigns
-from litsim_eval.runs import workers
+from litsim_eval.runs import warm_runs, workers
 from litsim_eval.runs.case_run import RunStopped
 from litsim_eval.runs.warm_runs import WarmRuns
 from litsim_eval.runs.workers import serve
@@ -35,6 +35,7 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[..
         return start_forked(serve, pipe, answer)
 
     monkeypatch.setattr(workers, "start_preloaded", serving)
+    monkeypatch.setattr(warm_runs, "END_S", 0.2)  # a forked process holds both ends of its pipe: it never ends
     with WarmRuns() as runs:
         yield lambda name, stopped=False: runs.run(CASE, tmp_path / name, lambda: stopped, 0.5).failure
 
