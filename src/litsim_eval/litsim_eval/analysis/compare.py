@@ -43,7 +43,7 @@ class Row:
 
     @property
     def marked(self) -> bool:
-        """Whether it differs, and is none in which equal runs differ, too."""
+        """Whether the row tells unequal runs apart: its values differ, and those of equal runs do not."""
         return self.differs and self.of_the_run
 
     @property

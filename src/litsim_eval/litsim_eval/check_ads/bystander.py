@@ -124,7 +124,7 @@ class Bystander:
                 interface = values.pop("interface", "")
                 self._seen.interface = Interface(interface) if interface else None
                 self._seen.counts = {kind: int(count) for kind, count in values.items()}
-                if any(topic in status.message for topic in [topic.name for topic in EGO_INPUTS.values()]):
+                if any(topic.name in status.message for topic in EGO_INPUTS.values()):
                     self._seen.remark(status.message)
 
 

@@ -29,6 +29,7 @@ class WarmRuns(WorkerPool):
         if is_secured(os.environ):
             raise InputError("--warm: DDS Security grants rights to separate nodes, expected runs without --warm")
         super().__init__(_serve_warm)
+        preload(PRELOADED)
 
     def __enter__(self) -> WarmRuns:
         return self
@@ -44,7 +45,6 @@ class WarmRuns(WorkerPool):
     def run(self, case: Case, folder: Path, stopped: Callable[[], bool], time_limit_s: float) -> RunOutcome:
         """Runs a case into `folder`; arguments and errors are those of :func:`.case_run.run_over_graph`."""
         begin, late, failure = time.monotonic(), False, ""
-        preload(PRELOADED)
         worker = self._taken()
         try:
             worker.pipe.send((case, folder))

@@ -58,7 +58,7 @@ class WorkerPool:
         self._starting = threading.Lock()
 
     def _taken(self) -> Worker:
-        """Returns a process that has no request; raises WorkerEnded if there is none, and no further one is started."""
+        """Returns an idle process, or a new one; raises WorkerEnded if the pool is closed and no process is idle."""
         with self._starting:
             if self._idle:
                 return self._idle.pop()

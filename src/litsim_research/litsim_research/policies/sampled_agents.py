@@ -108,10 +108,8 @@ class SampledAgents:
         for k, agent in enumerate(agents.tolist()):
             index = self._agents.index(agent)
             scene = self._sampled[index].scene
-            start, taken = (
-                self._starts[scene],
-                [sampled.task.agent for sampled in self._sampled if sampled.scene == scene],
-            )
+            start = self._starts[scene]
+            taken = [sampled.task.agent for sampled in self._sampled if sampled.scene == scene]
             own = self._batch.table(scene, table)
             config, random = self._config, start.random
             for task in sampled_tasks(own, start.scenario, 1, self._radius, config, random, but=taken):
@@ -131,9 +129,9 @@ class SampledAgents:
         lags = log.lags(own, table.step, table.x[rows], table.y[rows])
         return np.asarray(table.step - lags >= log.last_step[own])
 
-    def _with_next_task(self, one: _SampledAgent, table: AgentTable) -> _SampledAgent:
-        """Returns the agent `one` with another task, drawn at the step of `table`."""
-        start, own = self._starts[one.scene], self._batch.table(one.scene, table)
-        row, path = own.row(one.task.agent), one.task.path
+    def _with_next_task(self, sampled: _SampledAgent, table: AgentTable) -> _SampledAgent:
+        """Returns the `sampled` agent with another task, drawn at the step of `table`."""
+        start, own = self._starts[sampled.scene], self._batch.table(sampled.scene, table)
+        row, path = own.row(sampled.task.agent), sampled.task.path
         task = recorded_task(start.scenario.log, path, own, row, self._renewed, start.random)
-        return self._begun(own.step, one.scene, task)
+        return self._begun(own.step, sampled.scene, task)

@@ -130,9 +130,9 @@ class Steps(Sequence[AgentTable]):
         if not len(self.ids):
             return np.full(len(ids), -1, np.int64)
         order, keys = self._by_agent
-        column = np.minimum(self.ids.searchsorted(ids), len(self.ids) - 1)
-        last = keys.searchsorted(column * len(self) + np.minimum(number, len(self) - 1), "right") - 1
-        there = (number >= 0) & (self.ids[column] == ids) & (keys[last] >= column * len(self)) & (last >= 0)
+        index = np.minimum(self.ids.searchsorted(ids), len(self.ids) - 1)
+        last = keys.searchsorted(index * len(self) + np.minimum(number, len(self) - 1), "right") - 1
+        there = (number >= 0) & (self.ids[index] == ids) & (keys[last] >= index * len(self)) & (last >= 0)
         return np.where(there, order[last], -1)
 
     def rows_at(self, number: IntArray, ids: IntArray) -> IntArray:
@@ -155,10 +155,10 @@ class Steps(Sequence[AgentTable]):
             rows = whole.track(agent) - whole.begin[first]
             return rows[rows >= 0]
         order, keys = self._by_agent
-        column = int(self.ids.searchsorted(agent))
-        if column == len(self.ids) or self.ids[column] != agent:
+        index = int(self.ids.searchsorted(agent))
+        if index == len(self.ids) or self.ids[index] != agent:
             return np.empty(0, np.int64)
-        begin, end = keys.searchsorted([column * len(self), (column + 1) * len(self)]).tolist()
+        begin, end = keys.searchsorted([index * len(self), (index + 1) * len(self)]).tolist()
         return order[begin:end]
 
     @cached_property

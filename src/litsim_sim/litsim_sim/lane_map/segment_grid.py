@@ -194,9 +194,8 @@ def any_within(x: Floats, y: Floats, grid: GridArrays, segments: SegmentArrays, 
 def _segment_at(lane: int, s: float, segments: SegmentArrays) -> int:
     """Returns the segment of a lane at an arc length `s` [m]; beyond its ends a lane is continued straight."""
     begin, end = segments.first[lane], segments.first[lane + 1]
-    segment = (
-        begin + np.searchsorted(segments.start_s[begin:end], within(s, 0.0, segments.length[lane]), side="right") - 1
-    )
+    on_lane = within(s, 0.0, segments.length[lane])
+    segment = begin + np.searchsorted(segments.start_s[begin:end], on_lane, side="right") - 1
     return int(min(max(segment, begin), end - 1))
 
 

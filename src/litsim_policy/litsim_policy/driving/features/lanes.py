@@ -43,9 +43,9 @@ class LaneFeatures:
 
     def write(self, agents: PathFollowers, first: int, features: FloatArray) -> None:
         """Write the features of `agents` into `features` (m, size), from the position `first` on."""
-        lane = agents.lane
-        around = self._lane_map.headings_around(lane.lane, lane.s, 0.5 * CURVE_LENGTH)
-        _write(lane, around, agents.yaw, self._widths, first, features)
+        position = agents.lane
+        around = self._lane_map.headings_around(position.lane, position.s, 0.5 * CURVE_LENGTH)
+        _write(position, around, agents.yaw, self._widths, first, features)
 
 
 @kernel
