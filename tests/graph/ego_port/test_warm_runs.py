@@ -7,6 +7,7 @@ from typing import Any
 import yaml
 
 from litsim_eval.campaign.results import RunResult, read_campaign
+from litsim_sim.record.bag import BagReader
 
 HERE = Path(__file__).parents[1]
 STAYS, LEAVES = HERE / "programs/external_ego.py", HERE.parents[1] / "examples/trajectory_ads.py"
@@ -31,6 +32,11 @@ def campaign(graph: Any, egos: list[Any], policies: list[str], *options: str) ->
     return {result.case.name: result for result in read_campaign(out).results}
 
 
+def attachments(graph: Any, out: str, result: RunResult) -> dict[str, bytes]:
+    assert result.recording
+    return BagReader(graph.folder / out / "runs" / result.case.id / result.recording).attachments
+
+
 def test_a_stack_that_stays_drives_all_runs_and_one_that_leaves_is_started_again(graph: Any) -> None:
     scripts = {"stays": STAYS, "leaves": LEAVES}
     egos = [{"name": name, "kind": "external", "command": command(graph, name, path)} for name, path in scripts.items()]
@@ -43,6 +49,9 @@ def test_a_stack_that_stays_drives_all_runs_and_one_that_leaves_is_started_again
         name: result.metrics and result.metrics["digest"] for name, result in cold.items()
     }
     assert all(result.metrics and result.recording and result.report and result.log for result in warm.values())
+    assert [attachments(graph, "warm", result) for result in warm.values()] == [
+        attachments(graph, "cold", cold[name]) for name in warm
+    ]
 
 
 def test_a_stack_that_ends_early_fails_its_runs_with_the_reason(graph: Any) -> None:

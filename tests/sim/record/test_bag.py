@@ -113,6 +113,15 @@ def test_reader_finds_topics_attachments_metadata_and_bytes(tmp_path: Path) -> N
     assert len(list(reader.messages())) == 50
 
 
+def test_chunks_are_not_read_for_a_topic_without_messages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_writer(tmp_path / "bag") as writer:
+        writer.write("/text", text_cdr("only"), 0)
+    reader = BagReader(tmp_path / "bag")
+    assert len(list(reader.messages({"/text"}))) == 1
+    monkeypatch.setattr("litsim_sim.record.bag.records_of", lambda *_: pytest.fail("a chunk was read"))
+    assert not list(reader.messages({"/pose"})) and not list(reader.messages({"/other"}))
+
+
 def test_equal_calls_give_equal_files(tmp_path: Path) -> None:
     one, two = write_bag(tmp_path / "one"), write_bag(tmp_path / "two")
     assert one.read_bytes() == two.read_bytes()

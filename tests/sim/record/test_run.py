@@ -76,6 +76,13 @@ def test_round_trip(run: Any, write_run: Make, tmp_path: Path) -> None:
     assert digest(back) == digest(run)
 
 
+def test_runs_of_one_log_share_it_in_memory(run: Any, write_run: Make, make_run: Make, tmp_path: Path) -> None:
+    first, second = (read_run(write_run(run, tmp_path / name)) for name in ("first", "second"))
+    assert first.logged is second.logged
+    shorter = make_run(run.tables[:-1], run.log[:-1], history_steps=10)
+    assert len(read_run(write_run(shorter, tmp_path / "shorter")).logged) == len(first.logged) - 1
+
+
 def test_what_a_stack_tells_of_its_minimum_risk_manoeuvre(run: Any, write_run: Make, tmp_path: Path) -> None:
     bag = write_run(run, tmp_path / "bag")
     whole = BagReader(bag)

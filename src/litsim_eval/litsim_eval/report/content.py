@@ -38,7 +38,7 @@ ON_LOG = 0.005  # [m]
 
 def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int, plans: Plans = NO_PLANS) -> str:
     """Returns the run as a container of :mod:`litsim_eval.report.packing`, with forecasts `every` so many steps."""
-    tracks, ghosts = tracks_of(run), ghosts_of(run)
+    tracks, ghosts = run.once(tracks_of), ghosts_of(run)
     origin = origin_of(tracks)
     packer = Packer(
         {
@@ -255,12 +255,13 @@ def times_to_leader(run: Run, first: int, frames: int) -> tuple[FloatArray, Floa
     leader, the gap does not close, or the time exceeds TTC_MAX.
     """
     ego, others = np.full((2, frames), np.inf)
-    for table in run.tables:
+    for part in run.steps.parts():
+        table = part.stacked
         driven = np.flatnonzero(table.off_log)
-        if len(driven):
-            ttc, is_ego = following(table, driven).time_to_leader, table.controller[driven] == Controller.EGO
-            ego[table.step - first] = ttc[is_ego].min(initial=np.inf)
-            others[table.step - first] = ttc[~is_ego].min(initial=np.inf)
+        ttc, is_ego = following(table, driven).time_to_leader, table.controller[driven] == Controller.EGO
+        frame = part.step[table.number[driven]] - first
+        for series, chosen in ((ego, is_ego), (others, ~is_ego)):
+            np.minimum.at(series, frame[chosen], ttc[chosen])
     return np.where(ego <= TTC_MAX, ego, np.nan), np.where(others <= TTC_MAX, others, np.nan)
 
 

@@ -39,7 +39,7 @@ def thumbnail_of(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
         right and y up from the middle of the picture, in :data:`UNIT_M` and :data:`UNIT_RAD`; modes are those of
         :class:`litsim_sim.core.colours.Mode`.
     """
-    moment, tracks = _moment(run, metrics), tracks_of(run)
+    moment, tracks = _moment(run, metrics), run.once(tracks_of)
     frame = int(np.clip(moment.step - tracks.first, 0, tracks.frames - 1))
     head = {
         "format": FORMAT,

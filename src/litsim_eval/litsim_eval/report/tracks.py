@@ -74,9 +74,9 @@ def tracks_of(run: Run) -> Tracks:
 
 def ghosts_of(run: Run) -> Tracks:
     """Returns logged motion of the agents that ever leave their logs, the ego among them."""
-    wanted = np.unique(np.concatenate([table.id[table.off_log] for table in run.tables]))
-    tables = [table.take(np.isin(table.id, wanted)) for table in run.log]
-    return collect(tables, run.tables[0].step, run.tables[-1].step)
+    off_log = [part.stacked.id[part.stacked.off_log] for part in run.steps.parts()]
+    wanted = np.unique(np.concatenate(off_log))
+    return collect(run.logged.only(wanted.tolist()), run.tables[0].step, run.tables[-1].step)
 
 
 def collect(tables: Sequence[AgentTable], first: int, last: int) -> Tracks:

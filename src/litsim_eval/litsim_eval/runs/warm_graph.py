@@ -41,6 +41,7 @@ from litsim_sim.record.bag import discard_derived, make_room
 from litsim_sim.record.failure import write_failure
 from litsim_sim.record.seal import write_seal
 from litsim_sim.ros.in_process import InProcessTransport
+from litsim_sim.scenario.scenario import Scenario
 
 COLLECT_RUNS = 20  # [runs] between two collections of garbage, of which a run leaves a MB
 LOOK_S = 0.1  # [s] between two looks at the stack during a run
@@ -118,7 +119,7 @@ class WarmGraph:
         nodes = nodes_of(plan, case.scenario, out, overwrite=True, **bridge)
         begin_net_check(plan.scenario.net_path)()
         self._start_stack(case.ego.argv)
-        with _made({node.name: node for node in nodes}) as (node, recorder):
+        with _made({node.name: node for node in nodes}, plan.scenario) as (node, recorder):
             run = Bridge(node)
             node.create_timer(LOOK_S, self._watch(run, node), clock=Clock(clock_type=ClockType.STEADY_TIME))
             try:
@@ -173,15 +174,15 @@ class WarmGraph:
 
 
 @contextmanager
-def _made(nodes: Mapping[str, GraphNode]) -> Iterator[tuple[BridgeNode, RecorderNode]]:
-    """Make the nodes of a run in this process, served with the bridge; they are gone afterwards."""
+def _made(nodes: Mapping[str, GraphNode], scenario: Scenario) -> Iterator[tuple[BridgeNode, RecorderNode]]:
+    """Make the nodes of a run of `scenario` in this process, served with the bridge; they are gone afterwards."""
     options = {
         name: {"cli_args": ros_arguments(node.parameters), "enable_rosout": False} for name, node in nodes.items()
     }
     made: list[Node] = []
     try:
-        made.append(bridge := BridgeNode(**options[BRIDGE]))
-        made.append(recorder := RecorderNode(**options[RECORDER]))
+        made.append(bridge := BridgeNode(scenario, **options[BRIDGE]))
+        made.append(recorder := RecorderNode(scenario, **options[RECORDER]))
         transport = InProcessTransport()
         made += [make(transport, **options[name]) for name, make in STAGES.items() if name in nodes]
         bridge.serve_beside(*made[1:])

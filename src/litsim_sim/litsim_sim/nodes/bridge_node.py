@@ -46,6 +46,7 @@ from litsim_sim.ros.topics import (
     Topic,
 )
 from litsim_sim.scenario.run_info import EXTERNAL
+from litsim_sim.scenario.scenario import Scenario
 
 PULSE_S = 1.0  # [s] period of signs of life
 PAUSE_S = 3600.0  # [s] longest pause, after which the run ends: whoever has asked for it may be gone
@@ -66,12 +67,12 @@ class BridgeNode(Node):
         pulse: lines for the launcher.
     """
 
-    def __init__(self, **options: Any) -> None:
-        """Make the node, with `options` of rclpy's."""
+    def __init__(self, scenario: Scenario | None = None, **options: Any) -> None:
+        """Make the node, with `options` of rclpy's; `scenario` is that of its parameters, if it is loaded already."""
         super().__init__(BRIDGE, automatically_declare_parameters_from_overrides=True, **options)
         self.since = time.perf_counter()
         self.options = chosen = read_parameters(self, bridge_stage)
-        plan = self.plan = chosen.plan()
+        plan = self.plan = chosen.plan(scenario)
         self.liveness = StageLiveness(plan.run_id, plan.stages)
         external = plan.ego == EXTERNAL
         interface = chosen.ego_interface if external else Interface.CONTROL

@@ -118,11 +118,14 @@ class BridgeOptions:
     def _own_vehicle(self) -> dict[str, float]:
         return {name: value for name, value in asdict(self.vehicle).items() if value != OF_THE_SCENARIO}
 
-    def plan(self) -> RunPlan:
-        """Load the run, as a new execution; raises InputError if its scenario cannot be used."""
+    def plan(self, scenario: Scenario | None = None) -> RunPlan:
+        """Returns the run, as a new execution; raises InputError if its scenario cannot be used.
+
+        `scenario` is that of these parameters, if it is loaded already.
+        """
         chosen = {"ego": self.ego_id} | {name: getattr(self, name) for name in ("seed", "draw", "end_after_contact_s")}
         overrides: dict[str, Any] = {name: value for name, value in chosen.items() if value != OF_THE_SCENARIO}
-        scenario = Scenario.load(self.scenario, **overrides, vehicle=self._own_vehicle or None)
+        scenario = scenario or Scenario.load(self.scenario, **overrides, vehicle=self._own_vehicle or None)
         stages = without_latency(_by_stage(self.stage_parameters))
         later = {} if latency_steps(self.latency) == 0 else {BRIDGE: {LATENCY: latency_text(self.latency)}}
         return RunPlan(scenario, self.ego, self.policy, stages | later, new_execution())

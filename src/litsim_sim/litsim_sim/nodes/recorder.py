@@ -63,11 +63,12 @@ class RecorderNode(Node):
     FAILED if the recording has gaps.
     """
 
-    def __init__(self, **options: Any) -> None:
-        """Make the node, with `options` of rclpy's."""
+    def __init__(self, scenario: Scenario | None = None, **options: Any) -> None:
+        """Make the node, with `options` of rclpy's; `scenario` is that of the run, if it is loaded already."""
         super().__init__(STAGE, automatically_declare_parameters_from_overrides=True, **options)
         chosen = read_parameters(self, recorder_stage)
         output = Path(chosen.output)
+        self._scenario = scenario
         self._writer = BagWriter(output, output.resolve().name, overwrite=chosen.overwrite)
         self.finished = False
         self._run_id = ""
@@ -155,7 +156,7 @@ class RecorderNode(Node):
             applied=EGO_APPLIED.name in info.topics,
             signals=SIGNALS.name in info.topics,
         )
-        describe(self._writer, info)
+        describe(self._writer, info, self._scenario)
         names = [*(topic.name for topic in RECORDED_TOPICS), *self._foreign]
         foreign = [*(topic.name for topic in FOREIGN), *self._foreign]
         self._buffer = StepBuffer(names, tuple(info.topics), foreign, info.total_steps, self._write, self._confirm)
@@ -248,9 +249,12 @@ def _tells_run(topic: Topic, info: RunInfo) -> bool:
     return ours and topic not in (RUN_INFO, STATUS) and "run_id" in topic.type.get_fields_and_field_types()
 
 
-def describe(writer: BagWriter, info: RunInfo) -> None:
-    """Write the run's description to a bag, with all files needed to repeat it."""
-    scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
+def describe(writer: BagWriter, info: RunInfo, loaded: Scenario | None = None) -> None:
+    """Write the run's description to a bag, with all files needed to repeat it; its scenario may be `loaded`."""
+    if loaded is not None and loaded.to_yaml() == info.scenario_yaml:
+        scenario = loaded
+    else:
+        scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
     fields = ("run_id", "scenario", "ego", "policy", "seed", "configuration", "versions")
     writer.add_metadata("run", {FORMAT_KEY: str(FORMAT)} | {name: str(getattr(info, name)) for name in fields})
     writer.attach("scenario.yaml", "application/yaml", info.scenario_yaml.encode())

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO, Self
 
 import yaml
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from litsim_sim.core.errors import InputError
@@ -308,13 +308,14 @@ class BagReader:
         self.metadata: dict[str, str] = {}
         self._channels: dict[int, str] = {}
         self._schemas: dict[int, Schema] = {}
+        self._counts: dict[int, int] = {}  # of messages by channel, as the writer has counted them; empty if it has not
         self._survey = survey(self.path)
         self.complete = self._survey.cut is None
         self.problem = "" if self.complete else f"cut short at byte {self._survey.cut}"
         described = any(place.opcode == Opcode.CHANNEL for place in self._survey.summary)
         chunks = () if described else (Opcode.CHUNK,)  # without a summary, what they hold is not known beforehand
         for record in (
-            *self._records(self._survey.summary, {Opcode.SCHEMA, Opcode.CHANNEL}),
+            *self._records(self._survey.summary, {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS}),
             *self._records(self._survey.data, {Opcode.ATTACHMENT, Opcode.METADATA, *chunks}),
         ):
             self._note(record)
@@ -327,6 +328,8 @@ class BagReader:
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Yields messages in the order of the file, of `topics` or of all; raises InputError if the file is damaged."""
+        if topics is not None and not self._has(topics):
+            return
         for record in self._records(self._survey.data, {Opcode.MESSAGE, Opcode.CHUNK}):
             if isinstance(record, Message):
                 topic = self._channels.get(record.channel_id)
@@ -334,6 +337,11 @@ class BagReader:
                     raise InputError(f"{self.path}: a message at {record.log_time} ns is of no topic that is described")
                 if topics is None or topic in topics:
                     yield BagMessage(topic, record.log_time, record.data)
+
+    def _has(self, topics: Collection[str]) -> bool:
+        """Returns whether there may be messages of `topics`."""
+        counted = [self._channels.get(channel) for channel, count in self._counts.items() if count]
+        return not counted or None in counted or any(topic in topics for topic in counted)
 
     def _note(self, record: McapRecord | None) -> None:
         if isinstance(record, Schema):
@@ -347,6 +355,8 @@ class BagReader:
             self._channels[record.id] = record.topic
             qos, type_hash = (record.metadata.get(k, "") for k in ("offered_qos_profiles", "topic_type_hash"))
             self.topics[record.topic] = BagTopic(record.topic, schema.name, definition, qos, type_hash)
+        elif isinstance(record, Statistics):
+            self._counts = record.channel_message_counts
         elif isinstance(record, Attachment):
             self.attachments[record.name] = record.data
         elif isinstance(record, Metadata) and record.name != ROSBAG2_RECORD:

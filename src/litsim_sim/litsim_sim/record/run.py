@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cached_property, lru_cache
-from operator import attrgetter
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
 from typing import IO, Any, TypeVar, cast
@@ -43,7 +42,7 @@ from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.clouds import cloud_columns
 from litsim_sim.record.decoding import UNDECODABLE, decoded
 from litsim_sim.record.failure import read_failure
-from litsim_sim.record.seal import RunFacts, Seal, read_seal
+from litsim_sim.record.seal import RunFacts, Seal, read_seal, summary_fields
 from litsim_sim.scenario.log import logged_steps
 from litsim_sim.scenario.mission import Mission
 from litsim_sim.scenario.recording import Recording
@@ -242,8 +241,10 @@ class Run:
         """The bridge's summary at the end of the run, and its wall time as `wall_s`; empty without one."""
         if (status := self._finished) is None:
             return {}
-        summary = load_yaml(status.text, f"{self.path}: topic {STATUS}, the bridge's last message")
-        return (summary if isinstance(summary, dict) else {}) | {"wall_s": status.compute_time}
+        try:
+            return {**summary_fields(status.text), "wall_s": status.compute_time}
+        except InputError as error:
+            raise InputError(f"{self.path}: topic {STATUS}, the bridge's last message: {error}") from error
 
     @property
     def _finished(self) -> Status | None:
@@ -337,7 +338,8 @@ class _Content:
         self._topics = topics
         self._file = SpooledTemporaryFile(SPOOLED_BYTES)  # noqa: SIM115 - closed with the views of it
         self._places: dict[str, dict[int, int]] = {}  # in the file, by topic and by step
-        self._stages: dict[str, dict[int, int]] = {}  # the same of timing, by stage
+        self._timing: dict[str, dict[int, float]] = {}
+        self._marks: dict[str, dict[int, dict[str, float]]] = {}
         self._signal_map: Any = None
         self._shown: dict[int, ByteArray] = {}
         self._steps: dict[str, array[int]] = {}
@@ -383,9 +385,7 @@ class _Content:
             for topic in (CONTROLS, TAKEOVERS, self._ego_topic)
             for name, read in OF_STEP[topic].items()
         }
-        for name, read in (("timing", attrgetter("compute_time")), ("marks", lambda message: marks_of(message.text))):
-            views[name] = {stage: self._view(TIMING, places, read) for stage, places in self._stages.items()}
-        return views | {"minimum_risk": self.minimum_risk}
+        return views | {"minimum_risk": self.minimum_risk, "timing": self._timing, "marks": self._marks}
 
     @property
     def _ego_topic(self) -> str:
@@ -426,7 +426,8 @@ class _Content:
                 read(message)
             self._store(self._places.setdefault(topic, {}), step, data)
         elif topic == TIMING:
-            self._store(self._stages.setdefault(message.stage, {}), step, data)
+            self._timing.setdefault(message.stage, {}).setdefault(step, message.compute_time)
+            self._marks.setdefault(message.stage, {}).setdefault(step, marks_of(message.text))
         elif topic == SIGNALS:
             self._shown.setdefault(step, np.asarray(message.state, np.uint8))
         elif topic == STATUS:
@@ -489,8 +490,18 @@ def _log(reader: BagReader, scenario_yaml: str, steps: IntArray) -> Sequence[Age
     data = reader.attachments.get(RECORDING_FILE)
     if data is None:
         return []
-    start, where = start_frame(scenario_yaml, reader.path), f"{reader.path}: attachment {RECORDING_FILE}"
-    return logged_steps(Recording.parts(data, where), start, steps)
+    start = start_frame(scenario_yaml, reader.path)
+    try:
+        return _logged_steps(data, start, steps.tobytes())
+    except InputError as error:
+        raise InputError(f"{reader.path}: {error}") from error
+
+
+@lru_cache(maxsize=1)
+def _logged_steps(recording: bytes, start: int, steps: bytes) -> Steps:
+    """Returns the logged agents of `steps`, int64; the same object for the next run of an equal log."""
+    parts = Recording.parts(recording, f"attachment {RECORDING_FILE}")
+    return logged_steps(parts, start, np.frombuffer(steps, np.int64))
 
 
 def _scenario_yaml(reader: BagReader) -> str:
@@ -504,15 +515,16 @@ def _scenario_yaml(reader: BagReader) -> str:
 @lru_cache(maxsize=16)
 def _scenario_fields(scenario_yaml: str) -> Mapping[str, Any]:
     """Returns the fields in the text of a scenario; cached, as many runs have it in common."""
-    content = load_yaml(scenario_yaml, "scenario")
+    content = load_yaml(scenario_yaml, "scenario of the run")
     return content if isinstance(content, dict) else {}
 
 
 def start_frame(scenario_yaml: str, bag: Path) -> int:
     """Frame of the recording at step 0, by the text of the scenario in `bag`; raises InputError if it lacks one."""
-    where = f"{bag}: scenario of the run"
-    scenario = load_yaml(scenario_yaml, where)
-    start = scenario.get(START_FIELD) if isinstance(scenario, dict) else None
+    try:
+        start = _scenario_fields(scenario_yaml).get(START_FIELD)
+    except InputError as error:
+        raise InputError(f"{bag}: {error}") from error
     if not isinstance(start, int):
-        raise InputError(f"{where}: no whole number in field {START_FIELD!r}")
+        raise InputError(f"{bag}: scenario of the run: no whole number in field {START_FIELD!r}")
     return start

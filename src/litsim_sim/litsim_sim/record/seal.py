@@ -14,6 +14,7 @@ import secrets
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,7 @@ class RunFacts:
         The digest is not compared if answers were missed: what the bridge held in their place is not recorded.
         """
         sealed, recorded = asdict(self), asdict(record)
-        summaries = [_fields(facts.pop("summary")) for facts in (sealed, recorded)]
+        summaries = [summary_fields(facts.pop("summary")) for facts in (sealed, recorded)]
         if unanswered(summaries[0]):
             del sealed["digest"]
         for name in sorted({*summaries[0], *summaries[1]}):
@@ -97,8 +98,9 @@ class Seal:
         return [text for text in (self.problem, told) if text]
 
 
-def _fields(summary: str) -> Mapping[str, Any]:
-    """Returns the fields of a summary in YAML; none of a text that has none."""
+@lru_cache(maxsize=4)
+def summary_fields(summary: str) -> Mapping[str, Any]:
+    """Returns the fields of a bridge's summary in YAML; none of a text that has none. Cached for seal and record."""
     fields = load_yaml(summary, "summary of the run")
     return fields if isinstance(fields, dict) else {}
 

@@ -27,6 +27,7 @@ def message_class(name: str) -> Any:
     return getattr(import_module(f"{package}.{kind}"), short)
 
 
+@cache
 def definition(name: str) -> str:
     """Returns the definition of `package/msg/Name` with those of all its types, in the `ros2msg` encoding of MCAP."""
     package, _, short = name.split("/")
@@ -38,6 +39,7 @@ def definition(name: str) -> str:
     return _SEPARATOR.join([_read(*types[0]), *others])
 
 
+@cache
 def type_hash(name: str) -> str:
     """Type hash `RIHS01_...` of `package/msg/Name`, from the file that rosidl has generated; empty without one."""
     package, kind, short = name.split("/")
