@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -41,7 +42,7 @@ def single(name: str, scenario: str) -> Callable[[int], int]:
 
 def together(vehicles: int, in_each: int, scenario: str) -> Callable[[int], int]:
     """Returns what makes a number of steps of the vectorised environment, and returns the number of all vehicles'."""
-    options = {"scenario": scenario, "vehicles": in_each, "radius": RADIUS}
+    options: dict[str, Any] = {"scenario": scenario, "vehicles": in_each, "radius": RADIUS}
     environment, random = gymnasium.make_vec(NAME.format("Takeover-v0"), vehicles, **options), np.random.default_rng(0)
     environment.reset(seed=0)
 

@@ -19,10 +19,11 @@ def main() -> None:
     rates = {"simulation_frequency": 10, "policy_frequency": 10, "duration": steps}
     env = gymnasium.make("highway-v0", config={"vehicles_count": vehicles - 1, "lanes_count": 5, **rates})
     env.reset(seed=0)
+    idle = env.get_wrapper_attr("action_type").actions_indexes["IDLE"]
     spent = 0.0
     for step in range(WARM_UP + steps):
         begin = time.perf_counter()
-        ended = env.step(env.unwrapped.action_type.actions_indexes["IDLE"])[2:4]
+        ended = env.step(idle)[2:4]
         spent += (time.perf_counter() - begin) if step >= WARM_UP else 0.0
         if any(ended):
             env.reset(seed=step)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -22,6 +22,7 @@ import yaml
 
 from litsim_eval.benchmark.steps import FREE_ROAD, HISTORY_S, columns_of_traffic, execute, straight_road
 from litsim_eval.runs.runner import Runner
+from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.stages import BRIDGE
 from litsim_sim.launch.nodes import find_executable
 from litsim_sim.record.run import read_run
@@ -29,7 +30,7 @@ from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
 EGO, POLICY = "perturbed", "litsim"
-PARAMETERS = {"conflict": {"margin": 25.0}, "ego": {"kind": "brake", "deceleration": 6.0, "duration": 20.0}}
+PARAMETERS: Parameters = {"conflict": {"margin": 25.0}, "ego": {"kind": "brake", "deceleration": 6.0, "duration": 20.0}}
 STAGES = ("bridge", "predictor", "conflict", "policy")
 WHOLE, GRAPH = "whole step", "over the graph"
 BINS = (1, 25, 75, 125, 175, 225, 275, 325, 375, 1000)
@@ -97,7 +98,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         file = write_jam(Path(name), arguments.agents, arguments.seconds)
-        sides = {(*STAGES, WHOLE): lambda: in_process(file)}
+        sides: dict[tuple[str, ...], Callable[[], Steps]] = {(*STAGES, WHOLE): lambda: in_process(file)}
         if arguments.graph:
             sides[GRAPH,] = lambda: over_graph(file, Path(name) / "bag")
         for names, measure in sides.items():
