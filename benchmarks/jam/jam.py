@@ -21,13 +21,13 @@ from statistics import median
 import yaml
 
 from litsim_eval.benchmark.steps import FREE_ROAD, HISTORY_S, columns_of_traffic, execute, straight_road
-from litsim_eval.runs.runner import Runner
 from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.stages import BRIDGE
 from litsim_sim.launch.nodes import find_executable
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.simulation import Simulation
 
 EGO, POLICY = "perturbed", "litsim"
 PARAMETERS: Parameters = {"conflict": {"margin": 25.0}, "ego": {"kind": "brake", "deceleration": 6.0, "duration": 20.0}}
@@ -55,7 +55,7 @@ def in_process(file: Path) -> Steps:
     """Returns the steps of a run in this process; times of the processor."""
     scenario = Scenario.load(file)
     steps, begin = Steps(), 0.0
-    for result in Runner(RunPlan(scenario, EGO, POLICY, PARAMETERS), clock=time.process_time).steps():
+    for result in Simulation.of(RunPlan(scenario, EGO, POLICY, PARAMETERS), clock=time.process_time).steps():
         whole, begin = time.process_time() - begin, time.process_time()
         if result.table.step > scenario.history_steps and result.takeovers is not None:
             times = {stage: 1e3 * result.stage_s[stage] for stage in STAGES}

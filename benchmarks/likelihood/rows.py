@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.cli.program import program
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, FloatArray
@@ -54,7 +54,7 @@ MEASURES: dict[str, tuple[str, str]] = {
 
 def rows(scenario: Scenario) -> dict[str, dict[str, float]]:
     """Returns the measures by driver and heading."""
-    run = record(Runner(RunPlan(scenario, "log", REPLAY, {})))
+    run = record(RunPlan(scenario, "log", REPLAY, {}))
     return {name: _measures(driven(run, drive)) for name, drive in DRIVERS.items()}
 
 

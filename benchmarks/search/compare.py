@@ -29,7 +29,7 @@ from litsim_eval.campaign.criteria import SAFETY, Criteria
 from litsim_eval.campaign.results import RunResult
 from litsim_eval.campaign.suite import Suite
 from litsim_eval.runs.case_run import plan_of
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_eval.search.explore import SAMPLERS, Exploration, Tried, explore
 from litsim_eval.search.judging import Outcome, closeness, missed_by, outcome_of
 from litsim_eval.search.people import People
@@ -79,7 +79,7 @@ class Road:
     def space(self, weakness: str) -> Space:
         """Returns the space around where the ego drives with a weakness."""
         if weakness not in self._spaces:
-            run = record(Runner(self._plan, ego=planted(self._plan.scenario, weakness)))
+            run = record(self._plan, ego=planted(self._plan.scenario, weakness))
             driven = Log.from_rows(run.steps.stacked, len(run.steps))
             self._spaces[weakness] = Space.of(self._plan.scenario, People.load(), self._changes, driven)
         return self._spaces[weakness]
@@ -102,7 +102,7 @@ class Road:
             return Outcome.ERROR, "", 0.0
         ego = planted(scenario, weakness)
         gc.collect()  # the run before: it refers to itself, and the collector does not know how large arrays are
-        run = record(Runner(replace(self._plan, scenario=scenario), ego=ego))
+        run = record(replace(self._plan, scenario=scenario), ego=ego)
         result = RunResult.judged(self._case, compute_metrics(run), self._criteria)
         outcome = outcome_of(result, scenario.history_steps)
         return outcome, missed_by(result) if outcome == Outcome.FAILED else "", closeness(result.metrics)

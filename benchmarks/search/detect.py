@@ -23,7 +23,7 @@ from litsim_eval.campaign.case import Case, cases_of
 from litsim_eval.campaign.criteria import SAFETY, Criteria
 from litsim_eval.campaign.suite import Suite
 from litsim_eval.runs.case_run import plan_of
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 
 HEALTHY: Weakness = "none"
 LEFT_OUT = "delay"  # `late`, but less
@@ -33,7 +33,7 @@ WEAKNESSES: tuple[Weakness, ...] = tuple(name for name in get_args(Weakness) if 
 def passes(case: Case, weakness: Weakness, criteria: Criteria) -> bool:
     """Returns whether the careful driver with a weakness meets the criteria; no other measures are made."""
     plan = plan_of(case)
-    run = record(Runner(plan, ego=PlantedEgo(plan.scenario, PlantedConfig(weakness=weakness, careful=True))))
+    run = record(plan, ego=PlantedEgo(plan.scenario, PlantedConfig(weakness=weakness, careful=True)))
     metrics: dict[str, dict[str, Any]] = {}
     for criterion in criteria.runs:
         branch, _, name = criterion.field.partition(".")

@@ -33,7 +33,7 @@ from litsim_eval.campaign.criteria import SAFETY, Criteria
 from litsim_eval.campaign.results import judge
 from litsim_eval.campaign.suite import Suite
 from litsim_eval.runs.case_run import plan_of
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.core.scene import Kind
 from litsim_sim.scenario.recording import Recording
 from litsim_sim.scenario.scenario import Scenario
@@ -183,12 +183,12 @@ def collides_in(case: Mapping[str, Any], file: Path | str, folder: Path) -> bool
     write_case(case, file, folder)
     suite = Suite.load(suite_of([case], folder)).model_copy(update={"policies": ["replay"]})
     plan = plan_of(cases_of(suite)[0])
-    careful = compute_metrics(record(Runner(plan, ego=planted(plan.scenario, CAREFUL))))
+    careful = compute_metrics(record(plan, ego=planted(plan.scenario, CAREFUL)))
     safe = all(result.passed for result in judge(careful, Criteria.load(SAFETY)))
     needed = HELD_PROGRESS if case["kind"] in HELD else PROGRESS
     if not safe or careful["ego_motion"]["progress_ratio"] < needed:
         return None
-    collision = compute_metrics(record(Runner(plan)))["collision"]
+    collision = compute_metrics(record(plan))["collision"]
     return bool(collision["ego_at_fault"] + collision["background_at_fault"])
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import yaml
 
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.core.scene import Controller, Kind
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan
@@ -32,7 +32,7 @@ def test_acts_begin_where_the_ego_is_over_dds_as_in_one_process(
     done = graph.launch("--scenario", path, "--ego", "log", "--policy", "replay", "--out", bag)
     assert done.returncode == 0, done.stderr
     recorded = json.loads((bag / "metrics.json").read_text())["digest"]
-    assert recorded == compute_metrics(record(Runner(RunPlan(Scenario.load(path), "log", "replay"))))["digest"]
+    assert recorded == compute_metrics(record(RunPlan(Scenario.load(path), "log", "replay")))["digest"]
     acting = {
         agent: [table.step for table in read_run(bag).tables if table.controller[table.row(agent)] == Controller.POLICY]
         for agent in (LEADER, WALKER)

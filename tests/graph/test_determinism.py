@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.runs.in_process import record
 from litsim_eval.runs.recorded_run import open_record
 from litsim_eval.runs.rerun import resimulate
-from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run
@@ -29,7 +29,7 @@ def per_step_messages(bag: Path) -> list[tuple[str, int, bytes]]:
     return [(m.topic, m.log_time_ns, m.data.replace(name, nameless)) for m in BagReader(bag).messages(info.topics)]
 
 
-def test_a_launch_and_the_runner_agree(recorded: Any) -> None:
+def test_a_launch_and_a_run_in_process_agree(recorded: Any) -> None:
     """For a policy that is told whom to drive by the region around the ego, see examples/test_extension.py."""
     first = recorded("idm", "litsim")
     metrics = metrics_of(first)
@@ -38,7 +38,7 @@ def test_a_launch_and_the_runner_agree(recorded: Any) -> None:
     assert metrics["takeovers"] > 0, "else the comparison would be of little"
     plan = RunPlan(Scenario.load(first.scenario), "idm", "litsim")
     assert metrics["run_id"].partition("@")[0] == plan.identity
-    in_process = compute_metrics(record(Runner(plan)))
+    in_process = compute_metrics(record(plan))
     assert in_process["digest"] == metrics["digest"]
     assert in_process["collision"] == metrics["collision"]
     assert in_process["ledger"] == metrics["ledger"]
@@ -62,8 +62,8 @@ def test_parameters_are_the_same_over_dds_in_process_and_in_re_runs(graph: Any) 
     metrics = json.loads((bag / "metrics.json").read_text())
     plan = RunPlan(Scenario.load(str(scenario)), "perturbed", "litsim")
     split = [(*name.split(".", 1), value) for name, value in settings.items()]
-    assert compute_metrics(record(Runner(replace(plan, parameters=by_stage(split)))))["digest"] == metrics["digest"]
-    assert compute_metrics(record(Runner(plan)))["digest"] != metrics["digest"]
+    assert compute_metrics(record(replace(plan, parameters=by_stage(split))))["digest"] == metrics["digest"]
+    assert compute_metrics(record(plan))["digest"] != metrics["digest"]
     with open_record(bag) as recorded_run:
         again = resimulate(recorded_run)
     assert again.computed == again.recorded == metrics["digest"]

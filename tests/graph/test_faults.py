@@ -17,7 +17,7 @@ import pytest
 from litsim_eval.analysis.measures.identity import digest
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.benchmark.steps import write_scenario
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -140,4 +140,4 @@ def test_a_thousand_agents_are_nothing_special(graph: Any) -> None:
     assert run.complete and not any(run.gaps.values())
     assert assert_whole_steps(bag) == plan.scenario.total_steps
     assert max(len(table.id) for table in run.tables) == 1000
-    assert digest(run) == digest(record(Runner(plan)))
+    assert digest(run) == digest(record(plan))

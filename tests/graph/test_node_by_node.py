@@ -13,12 +13,12 @@ from typing import Any
 import yaml
 
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.runs.runner import Runner
 from litsim_sim.core.plugins import STAGES, package_of
 from litsim_sim.core.stages import EGO, POLICY
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.simulation import Simulation
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/recording.md"
 
@@ -50,7 +50,7 @@ def test_six_commands_make_the_run_of_one_process_and_their_stages_the_next(grap
     bridge, recorder = graph.finish(nodes.pop("bridge")), graph.finish(nodes.pop("recorder"))
     given = dict(yaml.safe_load(word.replace(":=", ": ")).popitem() for word in argv[-1] if ":=" in word)
     total = RunDigest()
-    for result in Runner(RunPlan.load(given["scenario"], given["ego"], given["policy"])).steps():
+    for result in Simulation.of(RunPlan.load(given["scenario"], given["ego"], given["policy"])).steps():
         total.update(result.table, result.controls, result.ego)
     assert digest_of(graph.folder / "bags/nodes", recorder, bridge) == total.hexdigest()
 

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from litsim_eval.analysis.metrics import compute_metrics
+from litsim_eval.runs.in_process import record
 from litsim_eval.runs.recorded_run import open_record
 from litsim_eval.runs.rerun import resimulate
-from litsim_eval.runs.runner import Runner, record
 from litsim_sim.core.stages import EndReason, StageState
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.recording import Recording, RecordingHeader
@@ -52,13 +52,13 @@ def check(bag: Path) -> int:
     return last
 
 
-def test_the_graph_ends_where_the_runner_does(graph: Any) -> None:
+def test_the_graph_ends_where_a_run_in_process_does(graph: Any) -> None:
     scenario, bag = leaving(graph), graph.folder / "run"
     done = graph.launch("--scenario", scenario, "--ego", "idm", "--policy", "litsim", "--out", bag)
     assert done.returncode == 0, done.stderr
     assert "the ego has left the net at its end" in " ".join(done.stdout.split())
     last = check(bag)
-    in_process = compute_metrics(record(Runner(RunPlan(Scenario.load(scenario), "idm", "litsim"))))
+    in_process = compute_metrics(record(RunPlan(Scenario.load(scenario), "idm", "litsim")))
     metrics = json.loads((bag / "metrics.json").read_text())
     assert in_process["steps"] == last
     assert in_process["digest"] == metrics["digest"]

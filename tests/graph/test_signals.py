@@ -12,7 +12,7 @@ import yaml
 
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.report.verdict import verdict_in
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_predictor.models import predictor_stage
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.topic_names import FORECASTS
@@ -68,7 +68,7 @@ def test_forecasts_that_see_signals_are_the_same_over_dds_and_in_one_process(gra
     assert done.returncode == 0, done.stderr
     run = read_run(bag)
     plan = RunPlan(Scenario.load(path), "idm", "litsim")
-    assert compute_metrics(record(Runner(plan)))["digest"] == json.loads((bag / "metrics.json").read_text())["digest"]
+    assert compute_metrics(record(plan))["digest"] == json.loads((bag / "metrics.json").read_text())["digest"]
     stage = predictor_stage(ParameterOverrides("predictor", {}))("litsim", plan.scenario)
     again = {table.step: stage.forecast(table) for table in run.tables}
     reader = BagReader(bag)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -10,13 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from litsim_eval.runs.runner import Runner
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, EgoCommand
 from litsim_sim.core.takeover import Takeover, TakeoverState
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
-from litsim_sim.simulation import Step
+from litsim_sim.simulation import Simulation, Step
 from litsim_sim.world.world import World
 
 if TYPE_CHECKING:
@@ -74,8 +74,9 @@ def run(
     """Run `scenario` in process; `ego` is the name of one that comes with LitSim, or says what to do."""
     scripted = None if isinstance(ego, str) else ScriptedEgo(scenario.ego_id, ego)
     plan = RunPlan(scenario, ego if isinstance(ego, str) else "log", policy, **config)
-    runner = Runner(plan, mirror, ego=scripted)
-    return Driven(scenario, list(runner.steps()), runner.world)
+    simulation = Simulation.of(plan, mirror, ego=scripted)
+    with closing(simulation.world):
+        return Driven(scenario, list(simulation.steps()), simulation.world)
 
 
 def placed(table: AgentTable, agent: int, **values: float) -> AgentTable:

@@ -1,4 +1,4 @@
-"""The loop by itself: its runs are those of the in-process runner, alone and together."""
+"""The loop by itself: its runs are those that are recorded in process, alone and together."""
 
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from litsim_eval.analysis.measures.identity import digest
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand, EgoMode
@@ -51,8 +51,8 @@ def apart(simulation: Simulation, step: Step) -> tuple[AgentTable, ControlTable 
 @pytest.mark.parametrize(
     ("ego", "policy"), [("idm", "litsim"), ("perturbed", "yield"), ("log", "replay"), ("bat", "litsim")]
 )
-def test_a_run_is_that_of_the_runner_and_the_same_once_more(demo: Scenario, ego: str, policy: str) -> None:
-    simulation, expected = Simulation(demo, ego, policy), digest(record(Runner(RunPlan(demo, ego, policy))))
+def test_a_run_is_the_recorded_one_and_the_same_once_more(demo: Scenario, ego: str, policy: str) -> None:
+    simulation, expected = Simulation(demo, ego, policy), digest(record(RunPlan(demo, ego, policy)))
     assert driven(simulation) == expected
     assert simulation.reset().step == 0 and not simulation.ended
     assert driven(simulation) == expected

@@ -27,7 +27,7 @@ from tqdm import tqdm
 
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.benchmark.steps import write_scenario
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_research.paper.page import fill
 from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error
 from litsim_sim.core.parameters import by_stage
@@ -165,7 +165,7 @@ def known_digests(cases: Sequence[Case], kept: Path) -> dict[str, str]:
     found: dict[str, dict[str, str]] = json.loads(kept.read_text()) if kept.is_file() else {}
     known = found.get(commit, {})
     for case in tqdm([case for case in cases if case.name not in known], desc="known digests", unit="case"):
-        known[case.name] = str(compute_metrics(record(Runner(case.plan())))["digest"])
+        known[case.name] = str(compute_metrics(record(case.plan()))["digest"])
         kept.write_text(json.dumps({commit: known}))
     return known
 

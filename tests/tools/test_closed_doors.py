@@ -21,14 +21,14 @@ sys.addaudithook(listen)
 if "--ask" in sys.argv:
     import urllib.request
     urllib.request.urlopen("http://127.0.0.1:9/", timeout=1)
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.report.thumbnails import write_thumbnail
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 from pathlib import Path
 
-run = record(Runner(RunPlan(Scenario.load("demo", simulation_s=0.5), "bat", "litsim")))
+run = record(RunPlan(Scenario.load("demo", simulation_s=0.5), "bat", "litsim"))
 metrics = compute_metrics(run)
 write_thumbnail(run, metrics, Path(sys.argv[1]))
 print(metrics["steps"])

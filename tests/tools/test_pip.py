@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from litsim_eval.analysis.measures.identity import digest
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.scenario.run_info import RunPlan
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -104,7 +104,7 @@ def test_its_entry_points_are_those_of_the_packages(site: Path) -> None:
 def test_a_run_is_that_of_the_workspace(site: Path, tmp_path: Path) -> None:
     done = litsim(site, "run", "--scenario", "demo", "--ego", "idm", "--out", tmp_path / "pip")
     assert done.returncode == 0, done.stderr
-    here = digest(record(Runner(RunPlan.load("demo", "idm", "litsim"))))
+    here = digest(record(RunPlan.load("demo", "idm", "litsim")))
     assert json.loads((tmp_path / "pip/metrics.json").read_text())["digest"] == here
     for name in ("report.html", "series.parquet", "takeovers.parquet", "overview.png"):
         assert (tmp_path / "pip" / name).stat().st_size > 1000

@@ -22,6 +22,7 @@ from litsim_sim.kernels.garbage import spared_from_collection
 from litsim_sim.scenario.batched import BatchedScenario
 from litsim_sim.scenario.perception import Perception
 from litsim_sim.scenario.policies import REPLAY, class_of_policy, setup_of
+from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.setting import Setting
 from litsim_sim.world.world import World
@@ -144,6 +145,17 @@ class Simulation:
         self.world = World(self._setting, mirror, guard_entries=policy != REPLAY)
         self._takeovers: TakeoverTable | None = None
         self._begin()
+
+    @classmethod
+    def of(
+        cls,
+        plan: RunPlan,
+        mirror: SumoMirror | None = None,
+        ego: Driver | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> Simulation:
+        """Returns the simulation of a plan; `ego`, if given, drives in place of the plan's."""
+        return cls(plan.scenario, ego or plan.ego, plan.policy, plan.parameters, mirror=mirror, clock=clock)
 
     @property
     def running(self) -> tuple[int, ...]:

@@ -56,7 +56,7 @@ def test_a_run_that_fails_is_told_and_the_others_go_on(encounter: Encounter, mon
     def refuse(plan):
         raise RuntimeError(f"no run by {plan.policy}")
 
-    monkeypatch.setattr(running, "Runner", refuse)
+    monkeypatch.setattr(running.Simulation, "of", refuse)
     monkeypatch.setattr(running, "batch_simulation", refuse)
     outcomes = drive(Task([encounter] * 2, [Setup("idm", "idm")]), [RunKey(0, 0, 0), RunKey(0, 1, 0)])
     assert all(isinstance(each, str) and "no run by idm" in each for each in outcomes)

@@ -9,7 +9,7 @@ import pytest
 
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.batched import record_batch
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import RunPlan
@@ -83,7 +83,7 @@ def test_every_run_is_what_it_is_alone(scenes: Scenes, policy: str, parameters: 
     together = record_batch(plans)
     for run, plan in zip(together, plans, strict=True):
         assert run.complete and run.info.run_id == plan.run_id
-        assert_same(run, record(Runner(plan)))
+        assert_same(run, record(plan))
     if policy != "replay":
         driven = [any(run.takeovers.values()) for run in together]
         assert driven[0] and driven[1], "the scenes must have something to react to"
@@ -103,7 +103,7 @@ def test_scenes_whose_signals_differ_are_each_what_they_are_alone(make_scenario:
     plans = [RunPlan(each, "idm", "litsim") for each in scenes]
     runs = record_batch(plans)
     for run, plan in zip(runs, plans, strict=True):
-        assert_same(run, record(Runner(plan)))
+        assert_same(run, record(plan))
         assert any(run.takeovers.values())
     stands = [min(float(table.speed.min()) for table in run.tables) for run in runs]
     assert stands[0] < 2.0 < stands[1], "one of them waits at the light"
@@ -117,7 +117,7 @@ def test_a_run_that_a_contact_ends_ends_no_other(make_scenario: Callable[..., An
     plans = [RunPlan(each, "perturbed", "replay", brakes) for each in (ending, going_on, ending)]
     together = record_batch(plans)
     for run, plan in zip(together, plans, strict=True):
-        assert_same(run, record(Runner(plan)))
+        assert_same(run, record(plan))
     reasons = [run.ended.reason for run in together if run.ended is not None]
     assert reasons == ["contact", "time", "contact"]
 

@@ -12,7 +12,7 @@ from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.campaign.criteria import Verdict
 from litsim_eval.runs import case_run
 from litsim_eval.runs.case_run import RunStopped, check_case, run_in_process, run_over_graph
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import setting
 from litsim_sim.record.failure import read_failure
@@ -40,7 +40,7 @@ def test_a_case_is_the_run_of_its_own_scenario_whatever_was_run_before() -> None
     found = [run_in_process(each) for each in cases]
     for each, metrics in zip(cases, found, strict=True):
         scenario = Scenario.load("demo", ego=each.ego_id, seed=each.seed)
-        alone = compute_metrics(record(Runner(RunPlan(scenario, each.ego.kind, each.policy))))
+        alone = compute_metrics(record(RunPlan(scenario, each.ego.kind, each.policy)))
         assert (metrics["digest"], metrics["run_id"]) == (alone["digest"], alone["run_id"])
         assert metrics["ledger"] == alone["ledger"] and metrics["safety"] == alone["safety"]
     assert len({metrics["run_id"] for metrics in found}) == len(cases)
@@ -51,7 +51,7 @@ def test_parameters_of_variant_and_ego_reach_the_run() -> None:
     found = run_in_process(case(own, 3, parameters={"ego.deceleration": [3.0]}))
     settings = [("ego", "kind", "brake"), ("ego", "time", (0.0, 0.0)), ("ego", "deceleration", 3.0)]
     plan = RunPlan.load("demo", "perturbed", "replay", ego_id=3, settings=settings)
-    assert (found["run_id"], found["digest"]) == (plan.run_id, compute_metrics(record(Runner(plan)))["digest"])
+    assert (found["run_id"], found["digest"]) == (plan.run_id, compute_metrics(record(plan))["digest"])
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from litsim_data.maps.lane_graph import LaneGraph, Lanelet, around
 from litsim_data.maps.net_builder import write_graph
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.cli.run import parser
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.cli.run_arguments import plan_of
 from litsim_sim.lane_map.lane_map import LaneMap
 from litsim_sim.scenario.recording import Recording
@@ -52,8 +52,8 @@ def driven(folder: Path, *, left_hand: bool) -> dict[str, Any]:
     scenario = write(folder, left_hand=left_hand)
     words = ["--scenario", str(scenario), "--ego", "perturbed", "--policy", "yield", "--predictor", "kinematic"]
     plan = plan_of(parser().parse_args([*words, "--set", *BRAKING]))
-    runner = Runner(plan, SumoMirror(plan.scenario.net_path, plan.scenario.seed, plan.scenario.signals))
-    metrics = compute_metrics(record(runner))
+    mirror = SumoMirror(plan.scenario.net_path, plan.scenario.seed, plan.scenario.signals)
+    metrics = compute_metrics(record(plan, mirror))
     return {name: value for name, value in metrics.items() if name not in ("run_id", "digest", "timing")}
 
 

@@ -15,7 +15,6 @@ from litsim_eval.cli import rerun as command
 from litsim_eval.runs.message_diff import differences
 from litsim_eval.runs.recorded_run import open_record
 from litsim_eval.runs.rerun import rerun_stage, resimulate
-from litsim_eval.runs.runner import Runner
 from litsim_policy.conflict.messages import takeovers_to_message
 from litsim_predictor.models import DEFAULT_MODEL, PredictorConfig, make_predictor
 from litsim_predictor.ros.messages import forecast_to_message
@@ -27,6 +26,7 @@ from litsim_sim.ros import messages, topics
 from litsim_sim.ros.cdr import without_padding
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.simulation import Simulation
 
 STEPS = 41
 Tamper = Callable[[str, int, Any], Any]
@@ -43,7 +43,7 @@ def answered(make_scenario: Any, track: Any, lane_centres: Any) -> tuple[Scenari
     info = RunInfo(header=messages.header(0), topics=[topics.CONTROLS.name], **plan.facts())
     predictor = make_predictor(DEFAULT_MODEL, scenario, modes=PredictorConfig().modes)
     found: list[tuple[str, int, Any]] = []
-    for now in Runner(plan).steps():
+    for now in Simulation.of(plan).steps():
         step, run_id = now.table.step, plan.run_id
         found += [
             (topics.AGENTS.name, step, messages.agents_to_message(now.table, run_id, scenario.total_steps, 13)),

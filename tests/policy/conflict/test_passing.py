@@ -9,7 +9,7 @@ import pytest
 
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.runs.batched import record_batch
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_policy.conflict.diverged import DivergedAgents, DivergedNow
 from litsim_policy.conflict.passing import PATIENCE, Passing
 from litsim_policy.motion.reference_path import logged_path
@@ -43,7 +43,7 @@ def behind_slow_ego(make_scenario, track, lane_centres) -> Callable[..., Scenari
 
 def run(scenario: Scenario, policy: str, *, passing: bool = True, **conflict: Any) -> Run:
     parameters = KINEMATIC | {"conflict": {"passing": passing} | conflict}
-    return record(Runner(RunPlan(scenario, "idm", policy, parameters=parameters)))
+    return record(RunPlan(scenario, "idm", policy, parameters=parameters))
 
 
 def on_lane_paths(of: Run) -> set[int]:
@@ -102,7 +102,7 @@ def test_who_comes_back_waits_for_room_in_its_own_lane(behind_slow_ego, lane_cen
 def test_scenes_that_are_joined_pass_as_alone(behind_slow_ego, lane_centres) -> None:
     scenes = [behind_slow_ego(), behind_slow_ego({"id": 3, "x": 5.0, "y": lane_centres[2]})]
     plans = [RunPlan(scene, "idm", "litsim", parameters=KINEMATIC) for scene in scenes]
-    alone, together = [record(Runner(plan)) for plan in plans], record_batch(plans)
+    alone, together = [record(plan) for plan in plans], record_batch(plans)
     assert [compute_metrics(each)["digest"] for each in alone] == [compute_metrics(each)["digest"] for each in together]
     assert all(on_lane_paths(each) for each in alone)
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -67,7 +67,7 @@ def test_an_overlap_of_the_log_holds_nobody_while_the_queue_stands(queue) -> Non
     """
     scenario = queue(-0.5)
     plan = RunPlan(scenario, "log", "yield", parameters={"conflict": {"passing": False}})
-    metrics = compute_metrics(record(Runner(plan, ego=Braking(scenario))))
+    metrics = compute_metrics(record(plan, ego=Braking(scenario)))
     early = [entry for entry in metrics["ledger"] if entry["detected_step"] < 200]
     assert {entry["agent"] for entry in early} == {2, 3, 4, 5}, "all of them have to brake"
     released = [entry["released_step"] for entry in early]
@@ -86,6 +86,6 @@ def test_a_new_overlap_of_the_same_two_is_resolved(queue) -> None:
             stop = row >= 0 and table.x[row] + table.speed[row] ** 2 / (2 * BRAKES) >= STANDS - 4.0
             return EgoCommand(table.step, -BRAKES if stop and table.speed[row] > 0 else 0.0)
 
-    metrics = compute_metrics(record(Runner(RunPlan(scenario, "log", "yield"), ego=Short(scenario))))
+    metrics = compute_metrics(record(RunPlan(scenario, "log", "yield"), ego=Short(scenario)))
     assert {2, 3, 4, 5} <= {entry["agent"] for entry in metrics["ledger"]}
     assert metrics["collision"]["excess"] == 0

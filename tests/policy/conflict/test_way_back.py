@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.core.scene import AgentTable, Controller, EgoCommand
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -35,7 +35,7 @@ def scenario(make_scenario: Any, track: Any) -> Scenario:
 
 def ledger_of(scenario: Scenario, since: int, then: float, handback: str) -> tuple[Any, dict[str, Any]]:
     plan = RunPlan(scenario, "log", "yield", {"conflict": {"handback": handback, "passing": False}})
-    run = record(Runner(plan, ego=Driver(scenario, since, then)))
+    run = record(plan, ego=Driver(scenario, since, then))
     (entry,) = compute_metrics(run)["ledger"]
     assert entry["agent"] == BEHIND
     return run, entry

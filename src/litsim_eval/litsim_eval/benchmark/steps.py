@@ -13,6 +13,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,6 @@ import pandas as pd
 import yaml
 
 from litsim_eval.analysis.measures.timing import step_path
-from litsim_eval.runs.runner import Runner
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, Kind
 from litsim_sim.core.stages import BRIDGE
@@ -30,6 +30,7 @@ from litsim_sim.record.run import Run, read_run
 from litsim_sim.scenario.recording import Recording, RecordingHeader
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.simulation import Simulation
 from litsim_sim.world.sumo import SumoMirror
 
 LANES = 5
@@ -154,20 +155,21 @@ def time_in_process(scenario_file: Path, *, sumo: bool) -> Sample:
     """Times the steps after the history in a run in this process; by stage with SUMO, as a whole without."""
     scenario = Scenario.load(scenario_file)
     mirror = TimedMirror(scenario) if sumo else None
-    runner = Runner(RunPlan(scenario, EGO, POLICY), mirror)
+    simulation = Simulation.of(RunPlan(scenario, EGO, POLICY), mirror)
     parts: dict[str, list[float]] = {}
     begin, steps = 0.0, 0
-    for result in runner.steps():
-        if result.table.step < scenario.history_steps:
-            begin = time.perf_counter()
-            continue
-        steps += 1
-        if mirror is None:
-            continue
-        shown = mirror.seconds[result.table.step]
-        for name, seconds in (result.stage_s | {WORLD: result.stage_s["bridge"] - shown, SUMO: shown}).items():
-            parts.setdefault(name, []).append(1e3 * seconds)
-    whole = 1e3 * (time.perf_counter() - begin) / steps
+    with closing(simulation.world):
+        for result in simulation.steps():
+            if result.table.step < scenario.history_steps:
+                begin = time.perf_counter()
+                continue
+            steps += 1
+            if mirror is None:
+                continue
+            shown = mirror.seconds[result.table.step]
+            for name, seconds in (result.stage_s | {WORLD: result.stage_s["bridge"] - shown, SUMO: shown}).items():
+                parts.setdefault(name, []).append(1e3 * seconds)
+        whole = 1e3 * (time.perf_counter() - begin) / steps
     if mirror is None:
         return {WITHOUT_SUMO: whole}
     return {name: statistics.median(values) for name, values in parts.items() if name in PARTS} | {IN_PROCESS: whole}

@@ -12,7 +12,7 @@ from litsim_eval.analysis.metrics import compute_metrics, write_metrics
 from litsim_eval.report.analyze import measure
 from litsim_eval.report.run_report import REPORT_FILE, render
 from litsim_eval.report.terminal import print_metrics
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import RUN_STATUS_HELP, interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
@@ -42,9 +42,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         check_output(arguments.out, overwrite=False)
     scenario = plan.scenario
-    runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed, scenario.signals))
+    mirror = SumoMirror(scenario.net_path, scenario.seed, scenario.signals)
     with tqdm(total=scenario.total_steps + 1, unit="step", dynamic_ncols=True) as bar:
-        recorded = record(runner, bar.update)
+        recorded = record(plan, mirror, progress=bar.update)
     if arguments.out is None:
         metrics = compute_metrics(recorded)
     else:

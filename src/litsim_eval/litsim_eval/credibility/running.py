@@ -12,13 +12,13 @@ import numpy as np
 
 from litsim_data.encounters.encounter import Encounter
 from litsim_eval.runs.batched import BATCH_MAX, batch_simulation, batchable, portions
-from litsim_eval.runs.runner import Runner
 from litsim_sim.core.errors import reason
 from litsim_sim.core.geometry import boxes_overlap
 from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller
 from litsim_sim.scenario.encounter_note import Track
 from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.simulation import Simulation
 
 EGO = "track"
 """The ego of all runs: it drives what the opponent truly did."""
@@ -188,7 +188,7 @@ def _together(plans: Mapping[int, RunPlan], encounters: Sequence[Encounter]) -> 
 def _alone(plan: RunPlan, encounter: Encounter) -> DriveOrReason:
     watch = Watch(encounter)
     try:
-        for result in Runner(plan).steps():
+        for result in Simulation.of(plan).steps():
             watch.look(result.table)
     except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
         return reason(error)

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from litsim_eval.campaign.case import GRAPH, Case
 from litsim_eval.runs.case_run import RunOutcome, measured, plan_of, run_in_process
-from litsim_eval.runs.runner import as_recorded
+from litsim_eval.runs.in_process import as_recorded
 from litsim_predictor.models import DEFAULT_MODEL, model_names
 from litsim_sim.core import plugins
 from litsim_sim.core.errors import reason
@@ -39,7 +39,7 @@ def batch_simulation(plans: Sequence[RunPlan]) -> Simulation:
     Raises:
         ValueError: the plans differ in policy or in parameters other than the ego's, or their scenarios in kind
             (:func:`litsim_sim.scenario.batched.kind`).
-        InputError: as :class:`litsim_eval.runs.runner.Runner`.
+        InputError: as :meth:`.Simulation.of`.
     """
     first, common = plans[0], common_parameters(plans[0])
     if any((plan.policy, common_parameters(plan)) != (first.policy, common) for plan in plans):

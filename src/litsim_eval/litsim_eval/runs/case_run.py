@@ -21,7 +21,7 @@ from litsim_eval.campaign.criteria import Criteria
 from litsim_eval.campaign.results import RunResult
 from litsim_eval.report.run_report import REPORT_FILE, write_report
 from litsim_eval.report.thumbnails import write_thumbnail
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.core.errors import InputError
 from litsim_sim.launch.child import how_it_ended
 from litsim_sim.launch.forked import ForkedProcess, preload
@@ -134,7 +134,7 @@ def run_in_process(case: Case, folder: Path | None = None) -> dict[str, Any]:
     Raises:
         InputError: the case cannot be run, or `folder` cannot be written.
     """
-    return measured(record(Runner(plan_of(case))), folder)
+    return measured(record(plan_of(case)), folder)
 
 
 def plan_of(case: Case) -> RunPlan:

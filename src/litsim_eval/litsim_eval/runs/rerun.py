@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 from litsim_eval.runs.message_diff import DiffSummary
 from litsim_eval.runs.recorded_run import Record
-from litsim_eval.runs.runner import Runner
 from litsim_policy.conflict.messages import takeovers_to_message
 from litsim_policy.ego.ego import Ego
 from litsim_predictor.ros.messages import forecast_from_message, forecast_to_message
@@ -30,6 +29,7 @@ from litsim_sim.ros.messages import (
 )
 from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_CONTROL, FORECASTS, TAKEOVERS, Topic
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
+from litsim_sim.simulation import Simulation
 
 
 def rerun_stage(record: Record, name: str) -> DiffSummary:
@@ -115,8 +115,8 @@ def resimulate(record: Record) -> Resimulated:
     return Resimulated(tally, steps, digests[0].hexdigest(), digests[1].hexdigest())
 
 
-def _again(record: Record) -> Runner:
-    """Returns a runner of the recorded plan, with the recorded parameters."""
+def _again(record: Record) -> Simulation:
+    """Returns the recorded plan, with the recorded parameters, as a simulation at its step 0."""
     info = record.run.info
     external = info.ego == EXTERNAL
     silent = [name for name in STAGES if name in info.stages and name not in record.parameters]
@@ -126,7 +126,7 @@ def _again(record: Record) -> Runner:
     parameters = {name: values for name, values in record.parameters.items() if name in STAGES}
     if not external and (latency := latency_in(record.parameters)) != NONE:
         parameters[BRIDGE] = {NAME: latency}
-    return Runner(RunPlan(record.scenario, info.ego, info.policy, parameters), ego=ego)
+    return Simulation.of(RunPlan(record.scenario, info.ego, info.policy, parameters), ego=ego)
 
 
 class _RecordedEgo(Ego):

@@ -23,7 +23,7 @@ from litsim_eval.campaign.suite import CaseEntry, EgoSetup, Suite
 from litsim_eval.report.margins import write_margins_page
 from litsim_eval.runs.campaign import LocalRuns, conclude
 from litsim_eval.runs.case_run import RECORDING, plan_of
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_eval.runs.warm_runs import WarmRuns
 from litsim_eval.search.case_search import CaseSearch
 from litsim_eval.search.explore import Asked, Tried, explore, promising
@@ -285,7 +285,7 @@ class Search:
         """Returns a run: what was recorded of it, or the same once more."""
         case = search.cases[number]
         recording = self._folder.run_folder(case) / RECORDING
-        return read_run(recording) if recording.is_dir() else record(Runner(plan_of(case)))
+        return read_run(recording) if recording.is_dir() else record(plan_of(case))
 
     def _repeat(self) -> dict[str, RunResult]:
         """Runs the failures that are shown once more; returns the results by id of the case."""

@@ -27,7 +27,7 @@ from litsim_eval.campaign.case import Case
 from litsim_eval.campaign.results import Campaign, RunResult
 from litsim_eval.campaign.suite import CaseEntry, EgoSetup, Suite
 from litsim_eval.runs.case_run import plan_of
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_research.paper.experiments import JUDGED, OURS
 from litsim_research.paper.measures import key_of
 from litsim_research.paper.roads import REAL, URBAN, generated, roads
@@ -148,7 +148,7 @@ def drawn(name: str, study: Study) -> Canvas:
     Raises:
         InputError: a run cannot be repeated, or its ego is not there at the contact.
     """
-    runs = [record(Runner(plan_of(case))) for case in (study.replay, study.ours)]
+    runs = [record(plan_of(case)) for case in (study.replay, study.ours)]
     lane_map = plan_of(study.ours).scenario.lane_map
     times = [*BEFORE_S, AFTER_S]
     steps = [max(runs[0].info.history_steps, study.contact + round(t / STEP_S)) for t in times]

@@ -7,7 +7,7 @@ the same way. `docs/extending.md` has an example of each.
 A stage is an entry point of ``litsim.stages``: a function that reads the stage's configurations with a
 :class:`~litsim_sim.core.parameters.ParameterOverrides`, and returns a factory of the stage for a scenario. The ego's
 stage is that of its driver, a plug-in of ``litsim.egos``. The launcher, which imports no package above its own, thus
-checks parameters with the same functions as the nodes and the in-process runner.
+checks parameters with the same functions as the nodes and runs in process.
 """
 
 from __future__ import annotations

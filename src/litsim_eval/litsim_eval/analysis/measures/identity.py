@@ -9,7 +9,7 @@ from litsim_sim.record.run import Run
 
 
 def digest(run: Run) -> str:
-    """Returns the digest of a run; equals the in-process runner's for an equal run."""
+    """Returns the digest of a run; equals that of an equal run in process."""
     total = RunDigest()
     for table in run.tables:
         total.update(table, run.controls.get(table.step), run.ego_commands.get(table.step))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,47 +21,26 @@ if TYPE_CHECKING:
     from litsim_sim.world.sumo import SumoMirror
 
 
-class Runner:
-    """Runs a plan in this process, with or without a mirror (libsumo, of which a process can have one).
-
-    `ego`, if given, replaces the ego of the plan; `clock` times the stages [s].
-
-    Raises:
-        InputError: a parameter is unknown to its stage or invalid, or a stage cannot be built.
-    """
-
-    def __init__(
-        self,
-        plan: RunPlan,
-        mirror: SumoMirror | None = None,
-        ego: Driver | None = None,
-        clock: Callable[[], float] = time.perf_counter,
-    ) -> None:
-        self.plan = plan
-        self._simulation = Simulation(
-            plan.scenario, ego or plan.ego, plan.policy, plan.parameters, mirror=mirror, clock=clock
-        )
-        self.world = self._simulation.world
-
-    def steps(self) -> Iterator[Step]:
-        """Yields each step with its answers: all steps of the scenario, or fewer if the run ends early."""
-        with closing(self.world):
-            yield from self._simulation.steps()
-
-
-def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> RecordedRun:
-    """Runs to the end and returns the run as if read from a recording.
+def record(
+    plan: RunPlan,
+    mirror: SumoMirror | None = None,
+    ego: Driver | None = None,
+    progress: Callable[[], object] = lambda: None,
+) -> RecordedRun:
+    """Returns the run of a plan, which is made to its end, as if read from a recording; `mirror` is closed.
 
     Args:
-        runner: not yet run.
+        plan, mirror, ego: as :meth:`.Simulation.of`, errors included.
         progress: called after each step.
     """
     begin = time.perf_counter()
+    simulation = Simulation.of(plan, mirror, ego)
     results = []
-    for now in runner.steps():
-        results.append(now)
-        progress()
-    return as_recorded(runner.plan, results, runner.world.summary(), time.perf_counter() - begin)
+    with closing(simulation.world):
+        for now in simulation.steps():
+            results.append(now)
+            progress()
+    return as_recorded(plan, results, simulation.world.summary(), time.perf_counter() - begin)
 
 
 def as_recorded(plan: RunPlan, results: Sequence[Step], summary: Mapping[str, Any], wall_s: float) -> RecordedRun:

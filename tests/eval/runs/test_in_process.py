@@ -14,12 +14,13 @@ from campaigns import EGOS
 from litsim_eval.analysis.measures.collision import Pair, contacts
 from litsim_eval.analysis.measures.identity import digest
 from litsim_eval.analysis.metrics import compute_metrics
-from litsim_eval.runs.runner import Runner, record
+from litsim_eval.runs.in_process import record
 from litsim_sim.core.scene import AgentTable, Controller, ControlSource
 from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.simulation import Simulation
 from litsim_sim.world.sumo import SumoMirror
 
 EVERYBODY = (Controller.LOG, Controller.POLICY, Controller.EGO)
@@ -27,14 +28,14 @@ DRIVEN = (Controller.POLICY, Controller.EGO)
 
 
 LOADED_LATE = """
-from litsim_eval.runs.runner import Runner
+from litsim_sim.simulation import Simulation
 from litsim_sim.kernels import compiled
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
-runner = Runner(RunPlan(Scenario.load("demo"), "idm", "litsim"))
+simulation = Simulation.of(RunPlan(Scenario.load("demo"), "idm", "litsim"))
 before = {each for each in compiled.KERNELS if "loaded" in vars(each)}
-for _ in zip(range(80), runner.steps()):
+for _ in zip(range(80), simulation.steps()):
     pass
 print(len(before) > 20, *(each.__name__ for each in compiled.KERNELS if "loaded" in vars(each) and each not in before))
 """
@@ -52,16 +53,16 @@ def litsim(demo: Scenario, drive):
 
 @pytest.fixture(scope="module")
 def recorded() -> Run:
-    return record(Runner(RunPlan(Scenario.load("demo"), "idm", "litsim")))
+    return record(RunPlan(Scenario.load("demo"), "idm", "litsim"))
 
 
 @pytest.fixture(scope="module")
 def replayed(demo: Scenario) -> Run:
-    return record(Runner(RunPlan(demo, "idm", "replay")))
+    return record(RunPlan(demo, "idm", "replay"))
 
 
 def run_of(scenario: Scenario, ego: str, policy: str) -> Run:
-    return record(Runner(RunPlan(scenario, ego, policy)))
+    return record(RunPlan(scenario, ego, policy))
 
 
 def pairs(tables: Iterable[AgentTable]) -> set[Pair]:
@@ -104,7 +105,7 @@ def test_exactly_those_with_an_answer_are_under_control_at_the_next_step(litsim)
 
 def test_a_run_with_the_ego_on_its_log_is_the_recording_and_can_be_shown_while_it_goes(demo: Scenario) -> None:
     ticks = []
-    run = record(Runner(RunPlan(demo, "log", "replay")), lambda: ticks.append(1))
+    run = record(RunPlan(demo, "log", "replay"), progress=lambda: ticks.append(1))
     assert len(ticks) == demo.total_steps + 1
     assert run.complete and run.info.run_id == RunPlan(demo, "log", "replay").run_id
     assert len(errors(run)) > 10_000 and errors(run).max() < 1e-6
@@ -112,8 +113,8 @@ def test_a_run_with_the_ego_on_its_log_is_the_recording_and_can_be_shown_while_i
 
 def test_stages_are_timed_by_the_clock_that_is_given(demo: Scenario) -> None:
     ticks = itertools.count()
-    runner = Runner(RunPlan(demo, "idm", "litsim"), clock=lambda: 10.0 * next(ticks))
-    (now,) = itertools.islice(runner.steps(), 1)
+    simulation = Simulation.of(RunPlan(demo, "idm", "litsim"), clock=lambda: 10.0 * next(ticks))
+    (now,) = itertools.islice(simulation.steps(), 1)
     assert now.stage_s == dict.fromkeys(("bridge", "predictor", "conflict", "policy", "ego"), 10.0)
 
 
@@ -135,7 +136,7 @@ def test_forecasts_that_nobody_reads_change_nothing() -> None:
     runs, scenario = [], Scenario.load("demo", simulation_s=12.0)
     for everybody in (False, True):
         parameters = {"predictor": {"forecast_all": everybody}}
-        runs.append(record(Runner(RunPlan(scenario, "perturbed", "litsim", parameters=parameters))))
+        runs.append(record(RunPlan(scenario, "perturbed", "litsim", parameters=parameters)))
     read, everything = runs
     assert any(read.takeovers.values())
     assert digest(read) == digest(everything)
@@ -146,7 +147,7 @@ def test_forecasts_that_nobody_reads_change_nothing() -> None:
 
 
 def test_sumo_only_shows(demo: Scenario, recorded: Run) -> None:
-    mirrored = record(Runner(RunPlan(demo, "idm", "litsim"), SumoMirror(demo.net_path, demo.seed)))
+    mirrored = record(RunPlan(demo, "idm", "litsim"), SumoMirror(demo.net_path, demo.seed))
     assert digest(mirrored) == digest(recorded)
     assert mirrored.summary["sumo_deviation_m"] < 0.01 and recorded.summary["sumo_deviation_m"] is None
 
@@ -176,10 +177,10 @@ def test_the_ledger_says_why_and_what_pure_replay_would_have_done(make_scenario,
     """A golden scene: the ego brakes from 10 to 2 m/s, 7.5 m before the follower that its log keeps at 10 m/s."""
     scenario = make_scenario(track(1, x=112.0, last=200), track(2, x=100.0, last=200))
     parameters = {"ego": {"kind": "brake", "time": (0.0, 0.0), "duration": 4.0}}
-    replay = Runner(RunPlan(scenario, "perturbed", "replay", parameters))
+    replay = Simulation.of(RunPlan(scenario, "perturbed", "replay", parameters))
     assert len(list(replay.steps())) == 201
     by_contacts = parameters | {"conflict": {"unlikely": 0.0}}
-    (entry,) = compute_metrics(record(Runner(RunPlan(scenario, "perturbed", "yield", by_contacts))))["ledger"]
+    (entry,) = compute_metrics(record(RunPlan(scenario, "perturbed", "yield", by_contacts)))["ledger"]
     assert (entry["agent"], entry["opponent"], entry["reason"]) == (2, 1, "conflict")
     assert (entry["replay_opponent"], entry["replay_step"]) == (1, replay.world.contacts[(1, 2)])
     predicted = entry["detected_step"] + 10 * entry["time_to_conflict_s"]
@@ -235,7 +236,7 @@ def test_real_traffic_is_left_alone_when_the_ego_is_on_its_log(real: Scenario) -
 def test_a_run_ends_when_the_ego_has_left_the_net(make_scenario, track, policy: str) -> None:
     """The end of the net is at 640 m; the log of the ego, which is slower, has it there until the end."""
     scenario = make_scenario(track(1, x=600.0, speed=3.0, last=100), track(2, x=300.0, last=100))
-    run = record(Runner(RunPlan(scenario, "idm", policy)))
+    run = record(RunPlan(scenario, "idm", policy))
     metrics = compute_metrics(run)
     last = run.tables[-1].step
     assert last < scenario.total_steps
@@ -248,7 +249,7 @@ def test_a_run_ends_when_the_ego_has_left_the_net(make_scenario, track, policy: 
 
 def test_a_run_that_the_ego_does_not_leave_lasts_for_its_time(make_scenario, track) -> None:
     scenario = make_scenario(track(1, x=100.0, last=40))
-    metrics = compute_metrics(record(Runner(RunPlan(scenario, "idm", "replay"))))
+    metrics = compute_metrics(record(RunPlan(scenario, "idm", "replay")))
     assert metrics["ended"] == {"reason": "time", "step": 40, "time_s": 4.0, "lane": ""}
 
 
