@@ -19,9 +19,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from planted_egos import PlantedConfig, PlantedEgo
+from planted_egos import PlantedConfig, PlantedEgo, Weakness
 
 from litsim_eval.analysis.metrics import compute_metrics
 from litsim_eval.campaign.case import Case, cases_of
@@ -58,7 +58,7 @@ VERSIONS = (f"{CAREFUL} late", f"{CAREFUL} soft", CAREFUL)
 
 def planted(scenario: Scenario, name: str) -> PlantedEgo:
     """Returns the ego with a weakness, the careful driver, or that with a weakness (`careful late`)."""
-    weakness = name.removeprefix(CAREFUL).strip() or HEALTHY
+    weakness = cast("Weakness", name.removeprefix(CAREFUL).strip() or HEALTHY)
     return PlantedEgo(scenario, PlantedConfig(weakness=weakness, careful=name.startswith(CAREFUL)))
 
 
