@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from textwrap import indent
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
@@ -182,14 +184,15 @@ class BagWriter:
         """Finish the MCAP file and write `metadata.yaml`. A second call does nothing."""
         if self._stream is None:
             return
-        information = self._information()
+        information = _dump(self._information())
         with self._writing():
             self.sync()
-            self._writer.add_metadata(ROSBAG2_RECORD, {"serialized_metadata": _dump(information)})
+            self._writer.add_metadata(ROSBAG2_RECORD, {"serialized_metadata": information})
             self._writer.finish()
             self._stream.close()
             self._stream = None
-            (self.path.parent / METADATA_FILE).write_text(_dump({"rosbag2_bagfile_information": information}))
+            metadata = f"rosbag2_bagfile_information:\n{indent(information, '  ')}"
+            (self.path.parent / METADATA_FILE).write_text(metadata)
 
     def abort(self) -> None:
         """Release the file unfinished, as a kill would."""
@@ -235,7 +238,7 @@ class BagWriter:
                     "name": topic.name,
                     "type": topic.type_name,
                     "serialization_format": "cdr",
-                    "offered_qos_profiles": yaml.load(topic.qos_yaml, YAML_LOADER),  # noqa: S506 - safe
+                    "offered_qos_profiles": deepcopy(_profiles(topic.qos_yaml)),  # else YAML would name it by anchors
                     "type_description_hash": topic.type_hash,
                 },
                 "message_count": self._counts[topic.name],
@@ -256,6 +259,11 @@ class BagWriter:
             "custom_data": None,
             "ros_distro": ROS_DISTRO,
         }
+
+
+@cache
+def _profiles(qos_yaml: str) -> Any:
+    return yaml.load(qos_yaml, YAML_LOADER)  # noqa: S506 - safe
 
 
 def _dump(tree: dict[str, Any]) -> str:

@@ -162,13 +162,16 @@ def plain_values(value: Any) -> Any:
 
 def versions() -> dict[str, str]:
     """Returns the versions of the dependencies of a run, and the commit of this source tree if it is a git checkout."""
-    by_package = {"python": platform.python_version(), "commit": commit()}
-    for package in VERSIONED:
-        try:
-            by_package[package] = metadata.version(package.replace("_", "-"))
-        except metadata.PackageNotFoundError:
-            by_package[package] = "not installed"
-    return by_package
+    by_package = {package: _version(package) for package in VERSIONED}
+    return {"python": platform.python_version(), "commit": commit(), **by_package}
+
+
+@cache
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package.replace("_", "-"))
+    except metadata.PackageNotFoundError:
+        return "not installed"
 
 
 @cache
