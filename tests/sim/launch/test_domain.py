@@ -162,9 +162,10 @@ def test_errors_of_the_run_are_its_own() -> None:
 
 
 @pytest.fixture
-def domain() -> Iterator[int]:
-    """A domain that nobody is in."""
-    with domain_coordinator.domain_id() as reserved:
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A domain that nobody is in, not even a process that is just ending."""
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    with graph_domain(None, reserve=True) as reserved:
         yield reserved
 
 
