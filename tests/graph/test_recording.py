@@ -107,7 +107,7 @@ def test_attachments_are_enough_to_run_it_again(recorded: Any, tmp_path: Path) -
     fields |= {"recording": "recording.parquet", "net": "net.xml"}
     (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(fields))
     again, original = Scenario.load(tmp_path / "scenario.yaml"), Scenario.load(run.scenario)
-    assert again.recording.to_parquet() == original.recording.to_parquet()
+    assert again.recording.parquet == original.recording.parquet
     assert {"run_id", "seed", "ego", "versions", "configuration"} <= reader.metadata.keys()
     assert yaml.safe_load(reader.metadata["versions"]).keys() >= {"commit", "python", "numpy", "libsumo"}
 

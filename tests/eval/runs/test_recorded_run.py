@@ -43,7 +43,7 @@ def write(scenario: Scenario, tmp_path: Path) -> Callable[..., Path]:
         attached = {
             "scenario.yaml": yaml.safe_dump(resolved).encode(),
             "net.xml": scenario.net_path.read_bytes(),
-            "recording.parquet": scenario.recording.to_parquet(),
+            "recording.parquet": scenario.recording.parquet,
         }
         with BagWriter(tmp_path / "bag", "bag") as writer:
             for topic in topics.RECORDED_TOPICS:
@@ -79,7 +79,7 @@ def ready(stage: str, text: str, run_id: str) -> Said:
 
 def test_the_scenario_comes_from_the_attachments_while_the_record_is_open(write: Any, scenario: Scenario) -> None:
     with open_record(write(fields={"crop": {"v": [0, 1]}})) as record:  # the recording is cropped already
-        assert record.scenario.recording.to_parquet() == scenario.recording.to_parquet()
+        assert record.scenario.recording.parquet == scenario.recording.parquet
         assert record.scenario.net_path.read_bytes() == scenario.net_path.read_bytes()
         assert (record.scenario.ego_id, record.run.info.ego) == (1, "external")
         folder = record.scenario.net_path.parent

@@ -68,7 +68,7 @@ def write(answered: Any, tmp_path: Path) -> Callable[..., Path]:
             fields = yaml.safe_load(scenario.to_yaml()) | gone
             writer.attach("scenario.yaml", "", yaml.safe_dump(fields).encode())
             writer.attach("net.xml", "", scenario.net_path.read_bytes())
-            writer.attach("recording.parquet", "", scenario.recording.to_parquet())
+            writer.attach("recording.parquet", "", scenario.recording.parquet)
             writer.write(topics.RUN_INFO.name, serialized(tamper(topics.RUN_INFO.name, 0, info)), 0)
             for stage, text in ready.items():
                 status = messages.status(info.run_id, stage, StageStatus.READY, text=text)

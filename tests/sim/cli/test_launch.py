@@ -24,7 +24,7 @@ from litsim_sim.nodes.shared import prepare_nodes
 arguments = launch.parser().parse_args(["--ego", "idm", "--policy", "litsim"])
 plan = launch.plan_of(arguments)
 nodes_of(plan, arguments.scenario, Path("out"))
-plan.scenario.recording.to_parquet()
+plan.scenario.recording.parquet
 prepare_nodes()
 import litsim_policy.driving.stages_node, litsim_policy.ego.node, litsim_sim.nodes.recorder
 print(*[name for name in {NOT_NEEDED} if name in sys.modules])

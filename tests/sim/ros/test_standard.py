@@ -124,7 +124,7 @@ def test_lights_are_read_field_by_field_and_drawn_as_stop_lines() -> None:
     lane_map, links = LaneMap.from_net(net), read_links(net)
     group = np.arange(len(links)) % 2
     signals = Signals(("a", "b"), links, group, np.array([[3, 6], [8, 8]], np.uint8))
-    cloud = standard.lights(1, signals, lane_map)
+    cloud = standard.Lights(signals, lane_map).cloud(1)
     assert (cloud.width, cloud.header.stamp) == (len(links), messages.stamp(1))
     layout = {f.name: ("<" + CODES[f.datatype], f.offset) for f in cloud.fields}
     lights = np.frombuffer(cloud.data, layout)  # as the examples read it
@@ -144,7 +144,7 @@ def test_lights_are_read_field_by_field_and_drawn_as_stop_lines() -> None:
 
 
 def test_without_signals_the_cloud_of_lights_is_empty() -> None:
-    cloud = standard.lights(4, None, LaneMap.from_net(packaged("nets/us101_like.net.xml")))
+    cloud = standard.Lights(None, LaneMap.from_net(packaged("nets/us101_like.net.xml"))).cloud(4)
     assert (cloud.width, len(cloud.data), len(cloud.fields)) == (0, 0, 12)
     assert len(np.frombuffer(cloud.data, {f.name: ("<" + CODES[f.datatype], f.offset) for f in cloud.fields})) == 0
     assert standard.light_markers(4, None).markers == []

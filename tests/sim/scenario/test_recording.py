@@ -178,7 +178,7 @@ def test_whatever_a_header_holds_it_is_used_or_refused_in_one_short_line(values:
         assert len(text) < 500 and "\n" not in text
         return
     assert isinstance(recording.header.name, str) and recording.header.rate_hz == 10.0
-    again = parse_arrow(pa.BufferReader(recording.to_parquet()), "made")
+    again = parse_arrow(pa.BufferReader(recording.parquet), "made")
     assert Recording.from_arrow(again, "made").header.name == recording.header.name
 
 
@@ -253,7 +253,7 @@ def test_a_file_of_other_types_and_orders_is_the_same_recording(tmp_path: Path) 
     pq.write_table(content, tmp_path / "other.parquet")
     read = {name: Recording.read(tmp_path / f"{name}.parquet") for name in ("plain", "other")}
     for each in read.values():
-        assert each.to_parquet() == recording.to_parquet() == (tmp_path / "plain.parquet").read_bytes()
+        assert each.parquet == recording.parquet == (tmp_path / "plain.parquet").read_bytes()
         pd.testing.assert_frame_equal(each.table, recording.table)
 
 

@@ -46,7 +46,6 @@ from litsim_sim.ros.topics import (
 from litsim_sim.scenario.mission import ego_mission
 from litsim_sim.scenario.perception import Perception
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, versions
-from litsim_sim.scenario.scenario import Scenario
 
 IF_HEARD = (OBJECTS, LIGHTS, LIGHT_MARKERS)
 """Published after step 0 only while somebody listens."""
@@ -73,7 +72,7 @@ class Broadcast:
         self._clock = StepClock(self._show_time, self._are_ticks_heard, factor) if clock else None
         self._frames = FrameBroadcaster(node, self._geometry) if clock else None
         self._with_ticks = clock and plan.ego == EXTERNAL
-        self._perception = Perception(scenario)
+        self._perception, self._lights = Perception(scenario), standard.Lights(scenario.signals, scenario.lane_map)
         self._scene: list[tuple[Topic, Any]] = []
         self._table: AgentTable | None = None  # the last step shown
         self._unheard: set[Topic] = set()  # of IF_HEARD, those on which it has not been published
@@ -147,24 +146,23 @@ class Broadcast:
 
     def _show_heard(self, table: AgentTable) -> None:
         """Publish what of IF_HEARD has not been published of the last step, and is heard; of step 0 everything."""
-        scenario, told = self._plan.scenario, self._perception.of(table)
+        told = self._perception.of(table)
         for topic in IF_HEARD:
             if topic in self._unheard and (table.step == 0 or self._publishers[topic].get_subscription_count()):
                 self._unheard.remove(topic)
-                self._scene.append(self._publish(topic, _standard(topic, told, scenario)))
+                self._scene.append(self._publish(topic, self._standard(topic, told)))
+
+    def _standard(self, topic: Topic, table: AgentTable) -> Any:
+        """Returns the message of a topic of IF_HEARD on a step."""
+        if topic == OBJECTS:
+            return standard.objects(table, self._plan.scenario.ego_id)
+        if topic == LIGHTS:
+            return self._lights.cloud(table.step)
+        return standard.light_markers(table.step, self._plan.scenario.signals)
 
     def _publish(self, topic: Topic, message: Any) -> tuple[Topic, Any]:
         self._publishers[topic].publish(message)
         return topic, message
-
-
-def _standard(topic: Topic, table: AgentTable, scenario: Scenario) -> Any:
-    """Returns the message of a topic of IF_HEARD on a step."""
-    if topic == OBJECTS:
-        return standard.objects(table, scenario.ego_id)
-    if topic == LIGHTS:
-        return standard.lights(table.step, scenario.signals, scenario.lane_map)
-    return standard.light_markers(table.step, scenario.signals)
 
 
 def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]], *, clock: bool = True) -> RunInfo:

@@ -259,7 +259,7 @@ def describe(writer: BagWriter, info: RunInfo, loaded: Scenario | None = None) -
     writer.add_metadata("run", {FORMAT_KEY: str(FORMAT)} | {name: str(getattr(info, name)) for name in fields})
     writer.attach("scenario.yaml", "application/yaml", info.scenario_yaml.encode())
     writer.attach("net.xml", "application/xml", scenario.net_path.read_bytes())
-    writer.attach("recording.parquet", "application/vnd.apache.parquet", scenario.recording.to_parquet())
+    writer.attach("recording.parquet", "application/vnd.apache.parquet", scenario.recording.parquet)
 
 
 def step_of(topic: Topic, data: bytes) -> int:

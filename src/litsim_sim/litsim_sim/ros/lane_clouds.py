@@ -67,9 +67,9 @@ def lane_links(lane_map: LaneMap, links: tuple[SignalLink, ...]) -> PointCloud2:
     """Returns which lanes follow which, as points of a cloud in frame map where a lane ends and another begins.
 
     Fields: x, y, z as FLOAT32 [m]; lane and to_lane, numbers of the lanes as in :func:`lane_table`, and light, the
-    number of the point of :func:`.standard.lights` that controls the way, 0xFFFFFFFF for none, as UINT32; stop, whether
-    a stop sign stands there, and give_way, whether the way gives way by signs, as UINT8; x64 and y64 as FLOAT64.
-    `links` are the controlled connections in their order.
+    number of the point of :class:`.standard.Lights` that controls the way, 0xFFFFFFFF for none, as UINT32; stop,
+    whether a stop sign stands there, and give_way, whether the way gives way by signs, as UINT8; x64 and y64 as
+    FLOAT64. `links` are the controlled connections in their order.
     """
     number = _numbers(lane_map)
     light = {(link.from_lane, (*link.via, link.to_lane)[0]): row for row, link in enumerate(links)}

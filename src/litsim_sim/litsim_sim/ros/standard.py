@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from functools import partial
+from functools import cache, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -53,25 +53,30 @@ def objects(table: AgentTable, ego_id: int) -> PointCloud2:
     return cloud(table.step, object_points(partial(getattr, others), len(others)))
 
 
-def lights(step: int, signals: Signals | None, lane_map: LaneMap) -> PointCloud2:
-    """Returns what the signals show at a step, as a point of a cloud in frame map for each connection they control.
+class Lights:
+    """What the signals of a scenario show, as a point of a cloud in frame map for each connection that they control.
 
     Fields: x, y, z (0), yaw of the lane in the middle of its stop line and width of the lane there as FLOAT32 [m, rad];
     lane and to_lane, numbers of the lanes before and after the junction as in :func:`lanes`, as UINT32; state as UINT8
     (:class:`litsim_sim.core.signals.SignalState`); x64 and y64, x and y, and exit_x64 and exit_y64, where to_lane
     begins, as FLOAT64 [m]. The cloud is empty if the scenario has no signals.
     """
-    links = () if signals is None else signals.links
-    points = np.zeros(len(links), _LIGHT)
-    if signals is not None:
+
+    def __init__(self, signals: Signals | None, lane_map: LaneMap) -> None:
+        links = () if signals is None else signals.links
+        self._signals, self._points = signals, np.zeros(len(links), _LIGHT)
         number = {lane.id: row for row, lane in enumerate(lane_map.lanes)}
-        points["state"] = signals.of_links(step)[0]
-        for point, link in zip(points, links, strict=True):
+        for point, link in zip(self._points, links, strict=True):
             point["x"], point["y"] = point["x64"], point["y64"] = link.stop
             point["yaw"], point["width"] = link.heading, link.width
             point["exit_x64"], point["exit_y64"] = link.exit
             point["lane"], point["to_lane"] = (number.get(lane, NONE) for lane in (link.from_lane, link.to_lane))
-    return cloud(step, points)
+
+    def cloud(self, step: int) -> PointCloud2:
+        """Returns the cloud of a step."""
+        if self._signals is not None:
+            self._points["state"] = self._signals.of_links(step)[0]
+        return cloud(step, self._points)
 
 
 def light_markers(step: int, signals: Signals | None) -> MarkerArray:
@@ -95,18 +100,22 @@ def light_markers(step: int, signals: Signals | None) -> MarkerArray:
 def cloud(step: int, points: np.ndarray[Any, Any]) -> PointCloud2:
     """Returns a structured array (n,) as a cloud with a field for each of its fields but padding, in frame map."""
     layout = points.dtype
-    fields = [PointField(name=name, offset=offset, datatype=kind, count=1) for name, offset, kind in fields_of(layout)]
     return PointCloud2(
         header=header(step),
         height=1,
         width=len(points),
-        fields=fields,
+        fields=_fields(layout),
         is_bigendian=False,
         point_step=layout.itemsize,
         row_step=layout.itemsize * len(points),
         data=array("B", points.tobytes()),
         is_dense=True,
     )
+
+
+@cache
+def _fields(layout: np.dtype[Any]) -> list[PointField]:
+    return [PointField(name=name, offset=offset, datatype=kind, count=1) for name, offset, kind in fields_of(layout)]
 
 
 def rounding(table: AgentTable) -> str:
@@ -120,6 +129,7 @@ def rounding(table: AgentTable) -> str:
     )
 
 
+@lru_cache(maxsize=1)
 def lanes(lane_map: LaneMap) -> MarkerArray:
     """Returns centre lines (namespace ``centre``) and borders (``boundary``, left and right) of lanes, in frame map.
 

@@ -219,10 +219,11 @@ class Recording:
     def write(self, path: Path) -> None:
         """Write as Parquet, with the header in the metadata; raises InputError if `path` cannot be written."""
         with replacing(path) as new:
-            new.write_bytes(self.to_parquet())
+            new.write_bytes(self.parquet)
 
-    def to_parquet(self) -> bytes:
-        """Returns the recording as a Parquet file (zstd), with header and checksum in the metadata.
+    @cached_property
+    def parquet(self) -> bytes:
+        """The recording as a Parquet file (zstd), with header and checksum in the metadata.
 
         Equal recordings give equal bytes. The checksum covers the whole content; Parquet's own cover single pages.
         """
