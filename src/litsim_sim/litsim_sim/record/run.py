@@ -338,6 +338,7 @@ class _Content:
         self._topics = topics
         self._file = SpooledTemporaryFile(SPOOLED_BYTES)  # noqa: SIM115 - closed with the views of it
         self._places: dict[str, dict[int, int]] = {}  # in the file, by topic and by step
+        self._commands: dict[str, dict[int, EgoCommand]] = {}  # by topic
         self._timing: dict[str, dict[int, float]] = {}
         self._marks: dict[str, dict[int, dict[str, float]]] = {}
         self._signal_map: Any = None
@@ -382,10 +383,16 @@ class _Content:
         """Returns the attributes of a :class:`Run` with what was published at each step."""
         views: dict[str, Any] = {
             name: self._view(topic, self._places.get(topic, {}), read)
-            for topic in (CONTROLS, TAKEOVERS, self._ego_topic)
-            for name, read in OF_STEP[topic].items()
+            for topic, reads in OF_STEP.items()
+            for name, read in reads.items()
         }
-        return views | {"minimum_risk": self.minimum_risk, "timing": self._timing, "marks": self._marks}
+        commands = self._commands.get(self._ego_topic, {})
+        return views | {
+            "ego_commands": commands,
+            "minimum_risk": self.minimum_risk,
+            "timing": self._timing,
+            "marks": self._marks,
+        }
 
     @property
     def _ego_topic(self) -> str:
@@ -419,9 +426,15 @@ class _Content:
         if topic in (AGENTS, SIGNALS):
             check_budget("step", step, last)
         self._steps.setdefault(topic, array("q")).append(step)
+        self._take_of_step(topic, step, message, data)
+
+    def _take_of_step(self, topic: str, step: int, message: Any, data: bytes) -> None:
+        """A message of this run about a step, `data` serialised."""
         if topic == AGENTS:
             self.tables.add(AgentTable.of_message(message))
-        elif topic in {CONTROLS, TAKEOVERS, self._ego_topic}:
+        elif topic == self._ego_topic:
+            self._commands.setdefault(topic, {}).setdefault(step, EgoCommand.of_message(message))
+        elif topic in OF_STEP:
             for read in OF_STEP[topic].values():  # to find now what cannot be read when it is asked for
                 read(message)
             self._store(self._places.setdefault(topic, {}), step, data)
@@ -479,10 +492,8 @@ OF_STEP: dict[str, dict[str, Callable[[Any], Any]]] = {
         "takeovers": lambda message: [*map(Takeover.of_message, message.takeovers)],
         "detections": lambda message: Detection(int(message.iterations), bool(message.converged)),
     },
-    EGO_CONTROL: {"ego_commands": EgoCommand.of_message},
-    EGO_APPLIED: {"ego_commands": EgoCommand.of_message},
 }
-"""Attributes of a :class:`Run` by step, by the topic of the messages that they are read from."""
+"""Attributes of a :class:`Run` by step that are read when they are asked for, by the topic of their messages."""
 
 
 def _log(reader: BagReader, scenario_yaml: str, steps: IntArray) -> Sequence[AgentTable]:
