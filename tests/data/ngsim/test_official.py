@@ -346,7 +346,7 @@ def test_a_full_disk_is_named_and_leaves_nothing(portal: Path, tmp_path: Path, m
     def full(self: Recording) -> bytes:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(Recording, "to_parquet", full)
+    monkeypatch.setattr(Recording, "parquet", property(full))
     first = next(import_all(files_of(portal), tmp_path / "out", Options()))
     assert isinstance(first, str) and "us101_0750.parquet: cannot be written: No space left on device" in first
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["out", "portal.csv"]
