@@ -186,9 +186,12 @@ def package(tmp_path: Path, factor: float = 2.0, name: str = "made") -> Path:
 
 
 def start(folder: Path, code: str = RUN) -> subprocess.Popen[str]:
-    """A Python that runs `code` beside the package `folder`; its second number counts what it had to compile."""
+    """A Python that runs `code` beside the package `folder`; its second number counts what it had to compile.
+
+    Bytecode of an equally long module that was written within the same second would be taken for that of the new one.
+    """
     return subprocess.Popen(
-        [sys.executable, "-c", code.format(package=folder.name)],
+        [sys.executable, "-B", "-c", code.format(package=folder.name)],
         cwd=folder.parent,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
