@@ -128,3 +128,14 @@ def test_a_scenario_is_read_once_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
     assert transport.scenario(other) is not transport.scenario(one)
     assert read[0] == ("name: a", "/litsim/run_info of run a")
     assert len(read) == 3
+
+
+def test_a_scenario_that_is_loaded_is_not_read_again_and_another_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[tuple[str, str]] = []
+    monkeypatch.setattr(Scenario, "from_yaml", lambda *given: read.append(given) or object())
+    loaded = SimpleNamespace(to_yaml=lambda: "name: a")
+    transport = InProcessTransport(loaded)
+    assert transport.scenario(SimpleNamespace(run_id="a", scenario_yaml="name: a")) is loaded
+    assert not read
+    assert transport.scenario(SimpleNamespace(run_id="b", scenario_yaml="name: b")) is not loaded
+    assert len(read) == 1

@@ -182,8 +182,8 @@ def _made(nodes: Mapping[str, GraphNode], scenario: Scenario) -> Iterator[tuple[
     made: list[Node] = []
     try:
         made.append(bridge := BridgeNode(scenario, **options[BRIDGE]))
-        made.append(recorder := RecorderNode(scenario, **options[RECORDER]))
-        transport = InProcessTransport()
+        transport = InProcessTransport(scenario)
+        made.append(recorder := RecorderNode(transport, **options[RECORDER]))
         made += [make(transport, **options[name]) for name, make in STAGES.items() if name in nodes]
         bridge.serve_beside(*made[1:])
         yield bridge, recorder

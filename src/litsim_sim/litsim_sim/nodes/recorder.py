@@ -30,6 +30,7 @@ from litsim_sim.record.step_buffer import StepBuffer
 from litsim_sim.ros import messages
 from litsim_sim.ros.cdr import run_id_of, stamp_ns, without_padding
 from litsim_sim.ros.endpoints import publisher_on, subscribe
+from litsim_sim.ros.in_process import InProcessTransport
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.process import process, spin
 from litsim_sim.ros.topics import (
@@ -63,12 +64,12 @@ class RecorderNode(Node):
     FAILED if the recording has gaps.
     """
 
-    def __init__(self, scenario: Scenario | None = None, **options: Any) -> None:
-        """Make the node, with `options` of rclpy's; `scenario` is that of the run, if it is loaded already."""
+    def __init__(self, transport: InProcessTransport | None = None, **options: Any) -> None:
+        """Make the node, with `options` of rclpy's; `transport` holds the stages of its process, if there are any."""
         super().__init__(STAGE, automatically_declare_parameters_from_overrides=True, **options)
         chosen = read_parameters(self, recorder_stage)
         output = Path(chosen.output)
-        self._scenario = scenario
+        self._transport = transport or InProcessTransport()
         self._writer = BagWriter(output, output.resolve().name, overwrite=chosen.overwrite)
         self.finished = False
         self._run_id = ""
@@ -156,7 +157,7 @@ class RecorderNode(Node):
             applied=EGO_APPLIED.name in info.topics,
             signals=SIGNALS.name in info.topics,
         )
-        describe(self._writer, info, self._scenario)
+        describe(self._writer, info, self._transport.scenario(info))
         names = [*(topic.name for topic in RECORDED_TOPICS), *self._foreign]
         foreign = [*(topic.name for topic in FOREIGN), *self._foreign]
         self._buffer = StepBuffer(names, tuple(info.topics), foreign, info.total_steps, self._write, self._confirm)
@@ -249,12 +250,8 @@ def _tells_run(topic: Topic, info: RunInfo) -> bool:
     return ours and topic not in (RUN_INFO, STATUS) and "run_id" in topic.type.get_fields_and_field_types()
 
 
-def describe(writer: BagWriter, info: RunInfo, loaded: Scenario | None = None) -> None:
-    """Write the run's description to a bag, with all files needed to repeat it; its scenario may be `loaded`."""
-    if loaded is not None and loaded.to_yaml() == info.scenario_yaml:
-        scenario = loaded
-    else:
-        scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
+def describe(writer: BagWriter, info: RunInfo, scenario: Scenario) -> None:
+    """Write the description of a run and its `scenario` to a bag, with all files needed to repeat it."""
     fields = ("run_id", "scenario", "ego", "policy", "seed", "configuration", "versions")
     writer.add_metadata("run", {FORMAT_KEY: str(FORMAT)} | {name: str(getattr(info, name)) for name in fields})
     writer.attach("scenario.yaml", "application/yaml", info.scenario_yaml.encode())

@@ -27,7 +27,9 @@ Receive = Callable[[str, int, Callable[[], Any]], None]
 class InProcessTransport:
     """The stages of one process, in the order in which they join: a stage joins after those that it waits for."""
 
-    def __init__(self) -> None:
+    def __init__(self, loaded: Scenario | None = None) -> None:
+        """Make it; `loaded` is the scenario of a run to come, which is not read again then."""
+        self._loaded = loaded
         self._answered: set[Topic] = set()  # topics answered by a stage of this process
         self._listeners: dict[Topic, list[tuple[Read, Receive]]] = {}
         self._deferred: list[Callable[[], None]] = []
@@ -62,7 +64,9 @@ class InProcessTransport:
     def scenario(self, info: RunInfo) -> Scenario:
         """Returns the scenario of a run, read once; raises InputError if it cannot be read."""
         if self._scenario is None or self._scenario[0] != info.run_id:
-            scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
+            scenario = self._loaded
+            if scenario is None or scenario.to_yaml() != info.scenario_yaml:
+                scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
             self._scenario = (info.run_id, scenario)
         return self._scenario[1]
 
